@@ -1,0 +1,62 @@
+//! What surrounds a bake: cancellation and progress. Never the data being baked.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use crate::{Error, StageId};
+
+/// A flag shared between the one who cancels and the bake, which looks at it between and within stages.
+#[derive(Clone, Debug, Default)]
+pub struct Cancellation(Arc<AtomicBool>);
+
+impl Cancellation {
+    /// Asks every bake that holds this flag to stop.
+    pub fn cancel(&self) {
+        self.0.store(true, Ordering::Relaxed);
+    }
+
+    /// Whether [`Self::cancel`] was called.
+    pub fn is_cancelled(&self) -> bool {
+        self.0.load(Ordering::Relaxed)
+    }
+}
+
+/// How far a bake is.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Progress {
+    /// The stage at work.
+    pub stage: StageId,
+    /// The level at work, counted from 1, or `None` while the stage serves all levels.
+    pub level: Option<usize>,
+    /// Part of the whole bake that is done, 0 to 1; never falls.
+    pub fraction: f32,
+}
+
+/// Receives [`Progress`]; called from worker threads.
+pub trait ProgressSink: Sync {
+    /// Takes one report. Must return quickly.
+    fn report(&self, progress: Progress);
+}
+
+/// The surroundings of one bake.
+#[derive(Clone, Default)]
+pub struct Context<'a> {
+    /// Looked at between and within stages.
+    pub cancellation: Cancellation,
+    /// Told about every stage as it begins.
+    pub progress: Option<&'a dyn ProgressSink>,
+}
+
+impl Context<'_> {
+    /// `Err` once the bake is cancelled.
+    pub fn check(&self, asset: &str) -> Result<(), Error> {
+        if self.cancellation.is_cancelled() { Err(Error::Cancelled { asset: asset.to_owned() }) } else { Ok(()) }
+    }
+
+    /// Passes a report on to the sink.
+    pub fn report(&self, stage: StageId, level: Option<usize>, fraction: f32) {
+        if let Some(sink) = self.progress {
+            sink.report(Progress { stage, level, fraction });
+        }
+    }
+}

@@ -1,0 +1,66 @@
+use glam::{Vec2, Vec3, Vec4};
+use image::{RgbImage, RgbaImage};
+
+use super::{AlphaMode, Influences};
+
+/// One finished level of detail.
+#[derive(Clone, Debug)]
+pub struct Level {
+    /// Most triangles allowed.
+    pub budget: u32,
+    /// Distance to the source, as a fraction of the diagonal of the source's bounding box.
+    pub error: f32,
+    /// Its triangles.
+    pub mesh: LevelMesh,
+    /// Its one material.
+    pub material: LevelMaterial,
+    /// Its one texture set.
+    pub textures: LevelTextures,
+}
+
+/// Triangles of a level, vertices duplicated along chart borders. Rest pose, world space.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct LevelMesh {
+    /// World space.
+    pub positions: Vec<Vec3>,
+    /// Unit length.
+    pub normals: Vec<Vec3>,
+    /// MikkTSpace; empty if the level has no normal map.
+    pub tangents: Vec<Vec4>,
+    /// In [0, 1], origin at the top left.
+    pub uvs: Vec<Vec2>,
+    /// Bones of each vertex; empty for a static model.
+    pub influences: Vec<Influences>,
+    /// Counter-clockwise seen from outside.
+    pub triangles: Vec<[u32; 3]>,
+}
+
+/// Factors and modes of a level's material; what varies over the surface is in [`LevelTextures`].
+#[derive(Clone, Debug, PartialEq)]
+pub struct LevelMaterial {
+    /// How alpha is used.
+    pub alpha_mode: AlphaMode,
+    /// Back faces are drawn too.
+    pub double_sided: bool,
+    /// `KHR_materials_unlit`.
+    pub unlit: bool,
+    /// Used if there is no occlusion-roughness-metallic texture.
+    pub metallic: f32,
+    /// Used if there is no occlusion-roughness-metallic texture.
+    pub roughness: f32,
+    /// Multiplied onto the emissive texture; zero without one.
+    pub emissive: Vec3,
+}
+
+/// Square textures of one size, clamped at the borders.
+#[derive(Clone, Debug)]
+pub struct LevelTextures {
+    /// sRGB; alpha is coverage in the modes that use it, else 255.
+    pub base_color: RgbaImage,
+    /// Tangent-space normals.
+    pub normal: Option<RgbImage>,
+    /// Occlusion in red, roughness in green, metalness in blue.
+    pub occlusion_roughness_metallic: Option<RgbImage>,
+    /// sRGB.
+    pub emissive: Option<RgbImage>,
+}

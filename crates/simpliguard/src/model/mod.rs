@@ -1,0 +1,121 @@
+//! A source model after import, and the levels made from it.
+
+mod level;
+mod material;
+mod texture;
+
+use bytes::Bytes;
+use glam::{Mat4, Vec2, Vec3, Vec4};
+
+pub use level::{Level, LevelMaterial, LevelMesh, LevelTextures};
+pub use material::{AlphaMode, Material, TextureRef};
+pub use texture::{Texture, Wrap, linear_to_srgb, srgb_to_linear};
+
+/// A source model: one surface in world space, its materials and its skeleton.
+#[derive(Clone, Debug)]
+pub struct Model {
+    /// The source's name, for messages.
+    pub name: String,
+    /// Every triangle of the default scene, instanced, in the rest pose.
+    pub surface: Surface,
+    /// Indexed by [`Surface::material`]; never empty if there are triangles.
+    pub materials: Vec<Material>,
+    /// Decoded images with their samplers, indexed by [`TextureRef::texture`].
+    pub textures: Vec<Texture>,
+    /// The bones the surface hangs on; `None` for a static model.
+    pub rig: Option<Rig>,
+    /// The source's own document, to be passed through by the export.
+    pub document: Document,
+    /// What the import left out, in words for the report: one line each.
+    pub notes: Vec<String>,
+}
+
+/// A triangle soup in world space: metres, right-handed, y up, counter-clockwise faces seen from outside.
+///
+/// All per-vertex arrays have the length of `positions`, except those said to be empty.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Surface {
+    /// Rest pose, world space.
+    pub positions: Vec<Vec3>,
+    /// Unit length; area-weighted face normals where the source has none.
+    pub normals: Vec<Vec3>,
+    /// MikkTSpace tangent and handedness in `w`; zero where the source has none. Empty if no vertex has one.
+    pub tangents: Vec<Vec4>,
+    /// `TEXCOORD_0` and `TEXCOORD_1`, untransformed, origin at the top left; zero where missing. The second is empty
+    /// if no material uses it.
+    pub uvs: [Vec<Vec2>; 2],
+    /// `COLOR_0`, linear RGBA; one where missing. Empty if no vertex has one.
+    pub colors: Vec<Vec4>,
+    /// Bones of each vertex; empty if [`Model::rig`] is `None`.
+    pub influences: Vec<Influences>,
+    /// Vertex indices; no degenerate triangle and no exact duplicate.
+    pub triangles: Vec<[u32; 3]>,
+    /// Material of each triangle.
+    pub material: Vec<u32>,
+}
+
+/// Up to four bones of one vertex. Weights fall, sum to one, and unused slots are zero in both arrays.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Influences {
+    /// Indices into [`Rig::bones`].
+    pub joints: [u16; 4],
+    /// Part of each bone.
+    pub weights: [f32; 4],
+}
+
+impl Influences {
+    /// Entirely on one bone.
+    pub fn rigid(joint: u16) -> Self {
+        Self { joints: [joint, 0, 0, 0], weights: [1.0, 0.0, 0.0, 0.0] }
+    }
+}
+
+/// The bones of a model, over all its skins and all mesh nodes that an animation moves.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Rig {
+    /// A bone is a node together with an inverse bind matrix; at most 65,535.
+    pub bones: Vec<Bone>,
+    /// The source's only skin, if `bones` are exactly its joints in order: levels then reuse it unchanged.
+    pub source_skin: Option<usize>,
+}
+
+/// One bone.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Bone {
+    /// Index of the joint in the glTF's `nodes`.
+    pub node: usize,
+    /// From bind space to the joint.
+    pub inverse_bind: Mat4,
+    /// From the joint to the world in the rest pose of the node tree.
+    pub rest_world: Mat4,
+}
+
+impl Rig {
+    /// From bind space to the world in the rest pose, for a vertex with these influences: `sum w (rest_world inverse_bind)`.
+    pub fn rest_matrix(&self, influences: &Influences) -> Mat4 {
+        let mut m = Mat4::ZERO;
+        for (&joint, &weight) in influences.joints.iter().zip(&influences.weights) {
+            if weight > 0.0 {
+                let bone = &self.bones[joint as usize];
+                m += bone.rest_world * bone.inverse_bind * weight;
+            }
+        }
+        m
+    }
+}
+
+/// The source glTF itself: JSON, and every byte it refers to, read and checked.
+#[derive(Clone, Debug, Default)]
+pub struct Document {
+    /// The JSON as it stands in the file.
+    pub json: serde_json::Value,
+    /// One entry per glTF buffer, at least `byteLength` long.
+    pub buffers: Vec<Bytes>,
+    /// One entry per glTF image: the encoded bytes and MIME type of those given by URI, `None` for those in a buffer view
+    /// and for those that could not be read.
+    pub images: Vec<Option<(Bytes, &'static str)>>,
+    /// Nodes of the default scene that carry triangles: what the levels replace, ascending.
+    pub mesh_nodes: Vec<usize>,
+    /// World matrix of each node in the rest pose, indexed as `nodes`; identity for nodes outside the default scene.
+    pub node_world: Vec<Mat4>,
+}

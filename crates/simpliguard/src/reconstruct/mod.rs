@@ -1,0 +1,1 @@
+//! Watertight surface around a triangle soup.

@@ -1,0 +1,1 @@
+//! Skin influences of a level.

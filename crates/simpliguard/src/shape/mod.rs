@@ -1,0 +1,1 @@
+//! Collapse to a face budget.

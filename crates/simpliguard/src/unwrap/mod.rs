@@ -1,0 +1,1 @@
+//! Texture coordinates of a level.
