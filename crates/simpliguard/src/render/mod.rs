@@ -6,10 +6,12 @@
 
 mod camera;
 mod picture;
-mod raster;
+pub(crate) mod raster;
 mod shading;
+mod view;
 
 pub use camera::{Camera, Frame, Random, fibonacci_directions, viewpoints};
 pub use picture::{Light, Picture, Renderer};
 pub use raster::{NOTHING, Raster, Rect};
 pub use shading::{Footprint, SurfaceSample, SurfaceSampler};
+pub use view::{View, take_views};
