@@ -11,7 +11,7 @@ use crate::mesh::TriMesh;
 use crate::render::{Camera, Frame as Framing, Picture, Rect};
 use crate::unwrap::Atlas;
 
-const SIZE: usize = 192;
+const SIZE: usize = 256;
 const TEXTURE: usize = 64;
 
 /// An octahedron, each face divided into `n` x `n` and pushed onto the unit sphere; seen from +z, u and v follow x and y.
@@ -80,7 +80,7 @@ fn loss(low: &LowPoly, target: &Picture, background: f32, lambda: f32) -> (f64, 
 
 /// Cosine and ratio of the lengths of the analytic gradient and central differences, over the vertices that move most.
 fn compare(background: f32, lambda: f32) -> (f64, f64) {
-    let (mut low, target) = (sphere(6), target());
+    let (mut low, target) = (sphere(4), target());
     let (_, frame, run) = loss(&low, &target, background, lambda);
     let mut gradients = Gradients::default();
     gradients.run(&low, &camera().view_projection, &frame, &run.gradient);
@@ -113,7 +113,7 @@ fn vertex_gradients_point_along_central_differences() {
     for (background, lambda) in [(0.0, 0.0), (1.0, 0.0), (1.0, 0.5)] {
         let (cosine, ratio) = compare(background, lambda);
         assert!(cosine > 0.9, "background {background}, lambda {lambda}: cosine {cosine}");
-        assert!((0.7..1.4).contains(&ratio), "background {background}, lambda {lambda}: ratio {ratio}");
+        assert!((0.75..1.3).contains(&ratio), "background {background}, lambda {lambda}: ratio {ratio}");
     }
 }
 
@@ -131,7 +131,7 @@ fn the_loss_of_a_picture_against_itself_is_its_rounding() {
 fn image_gradients_match_central_differences() {
     let (low, target) = (sphere(4), target());
     let (_, mut frame, run) = loss(&low, &target, 1.0, 0.5);
-    for pixel in [SIZE * 96 + 96, SIZE * 60 + 100, SIZE * 130 + 40] {
+    for pixel in [SIZE * 128 + 128, SIZE * 80 + 133, SIZE * 173 + 53] {
         for lane in 0..4 {
             let h = 1e-2;
             let mut at = |step: f32| {
