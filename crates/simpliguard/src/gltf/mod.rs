@@ -1,1 +1,5 @@
 //! glTF in and out.
+
+mod uris;
+
+pub use uris::external_uris;

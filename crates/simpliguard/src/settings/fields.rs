@@ -1,0 +1,470 @@
+//! The list of fields, and everything that is generated from it.
+
+use std::marker::PhantomData;
+
+use serde::de::{DeserializeSeed, Deserializer, Error as _, MapAccess, Visitor};
+use serde::{Deserialize, Serialize};
+
+use super::resolve::{Layer, Origin, Resolved};
+use super::text::did_you_mean;
+use super::value::{Limit, Resolution, Value, choice};
+use crate::{Error, StageId};
+
+choice! {
+    /// How much time is spent. Supplies the values of fields that no layer sets.
+    pub enum Quality {
+        /// For a first look: few views, no refinement.
+        Draft,
+        /// For the game.
+        #[default]
+        Standard,
+        /// For a release.
+        Best,
+    }
+}
+
+choice! {
+    /// What happens to a file that already has levels of detail.
+    pub enum ExistingLods {
+        /// The file passes through unchanged.
+        #[default]
+        Keep,
+        /// Its own levels are dropped and made anew from the finest.
+        Replace,
+    }
+}
+
+choice! {
+    /// Whether the output holds the source's own geometry.
+    pub enum SourceGeometry {
+        /// The source comes first, unchanged.
+        #[default]
+        Keep,
+        /// Meshes and textures of the source are left out; its nodes and clips stay.
+        Drop,
+    }
+}
+
+choice! {
+    /// Which surfaces compete for each level.
+    pub enum Candidates {
+        /// All; the one that renders most like the source wins.
+        #[default]
+        All,
+        /// Only the watertight reconstruction.
+        Reconstruction,
+        /// Only the source's own welded mesh.
+        Source,
+    }
+}
+
+choice! {
+    /// How a level gets its joint weights.
+    pub enum SkinTransfer {
+        /// From the closest point of the source's surface.
+        #[default]
+        ClosestSurface,
+        /// From the nearest vertices of the source, weighted by distance.
+        NearestVertices,
+    }
+}
+
+/// A built-in value for each quality.
+struct PerQuality<T> {
+    draft: T,
+    standard: T,
+    best: T,
+}
+
+impl<T> PerQuality<T> {
+    fn of(self, quality: Quality) -> T {
+        match quality {
+            Quality::Draft => self.draft,
+            Quality::Standard => self.standard,
+            Quality::Best => self.best,
+        }
+    }
+}
+
+fn always<T: Clone>(value: T) -> PerQuality<T> {
+    PerQuality { draft: value.clone(), standard: value.clone(), best: value }
+}
+
+fn by_quality<T>(draft: T, standard: T, best: T) -> PerQuality<T> {
+    PerQuality { draft, standard, best }
+}
+
+/// What the reference says about one field.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FieldInfo {
+    /// As written in RON and after `--set`.
+    pub name: &'static str,
+    /// One or more sentences.
+    pub doc: String,
+    /// What kind of value it takes, with its range or its choices.
+    pub accepts: String,
+    /// Built-in values as RON for the qualities draft, standard and best.
+    pub defaults: [String; 3],
+    /// The stages that read it; a change re-runs them and those after them.
+    pub stages: &'static [StageId],
+}
+
+impl FieldInfo {
+    /// Whether the built-in value depends on the quality.
+    pub fn is_preset(&self) -> bool {
+        self.defaults.iter().any(|d| *d != self.defaults[0])
+    }
+}
+
+macro_rules! settings {
+    ($(
+        $(#[doc = $doc:literal])+
+        $name:ident: $type:ty = $default:expr, $limit:expr, [$($stage:ident),*];
+    )+) => {
+        /// Everything a bake reads: all fields present and, when made by [`super::resolve`], in range.
+        #[derive(Clone, Debug, PartialEq, Serialize)]
+        pub struct BakeSettings {
+            $( $(#[doc = $doc])+ pub $name: $type, )+
+        }
+
+        /// The fields of [`BakeSettings`] that someone has set. In RON a field is written without `Some`; values are
+        /// checked against their ranges as they are read.
+        #[derive(Clone, Debug, Default, PartialEq, Serialize)]
+        pub struct BakeOverrides {
+            $(
+                $(#[doc = $doc])+
+                #[serde(
+                    skip_serializing_if = "Option::is_none",
+                    serialize_with = "serde_with::rust::unwrap_or_skip::serialize"
+                )]
+                pub $name: Option<$type>,
+            )+
+        }
+
+        const NAMES: &[&str] = &[$(stringify!($name)),+];
+
+        impl BakeSettings {
+            /// The built-in values at a quality.
+            pub fn preset(quality: Quality) -> Self {
+                let mut settings = Self { $( $name: PerQuality::<$type>::of($default, quality), )+ };
+                settings.quality = quality;
+                settings
+            }
+
+            /// `Err` names the first field that is out of range.
+            pub fn check(&self) -> Result<(), Error> {
+                $( check(stringify!($name), &self.$name, $limit).map_err(Error::Settings)?; )+
+                Ok(())
+            }
+
+            /// Name, the stages that read it, and value as RON of each field, in the order of the list.
+            pub(super) fn entries(&self) -> Vec<(&'static str, &'static [StageId], String)> {
+                vec![$( (stringify!($name), &[$(StageId::$stage),*], self.$name.ron()) ),+]
+            }
+        }
+
+        impl BakeOverrides {
+            /// Sets one field from its command-line spelling: `texture_size`, `2048`. Names of variants are kebab-case,
+            /// items of lists are separated by commas.
+            pub fn set(&mut self, name: &str, value: &str) -> Result<(), Error> {
+                // `--set texture-size=..` is what a hand used to command lines types.
+                let field = name.replace('-', "_");
+                $(
+                    if field == stringify!($name) {
+                        let value = <$type>::from_arg(value)
+                            .map_err(|expected| Error::Settings(format!("{field}={value}: expected {expected}")))?;
+                        check(stringify!($name), &value, $limit).map_err(Error::Settings)?;
+                        self.$name = Some(value);
+                        return Ok(());
+                    }
+                )+
+                Err(Error::Settings(format!("unknown field '{name}'{}", did_you_mean(&field, NAMES))))
+            }
+
+            /// Reads the value of `name`, which is one of [`NAMES`].
+            fn read<'de, A: MapAccess<'de>>(&mut self, name: &'static str, map: &mut A) -> Result<(), A::Error> {
+                $(
+                    if name == stringify!($name) {
+                        if self.$name.is_some() {
+                            return Err(A::Error::duplicate_field(name));
+                        }
+                        let field = Field { name, limit: $limit, of: PhantomData::<$type> };
+                        self.$name = Some(map.next_value_seed(field)?);
+                    }
+                )+
+                Ok(())
+            }
+        }
+
+        /// Lays `layers` over the built-in values, the last on top.
+        pub(super) fn lay(quality: (Quality, Origin), layers: Vec<Layer>) -> Resolved {
+            let (quality, quality_origin) = quality;
+            let mut settings = BakeSettings::preset(quality);
+            let mut origins: Vec<Origin> = reference()
+                .iter()
+                .map(|field| if field.is_preset() { Origin::Preset(quality) } else { Origin::BuiltIn })
+                .collect();
+            for Layer { origin, overrides } in layers {
+                let mut origins = origins.iter_mut();
+                $(
+                    let slot = origins.next();
+                    if let (Some(slot), Some(value)) = (slot, overrides.$name) {
+                        settings.$name = value.normalised();
+                        *slot = origin.clone();
+                    }
+                )+
+            }
+            for (name, origin) in NAMES.iter().zip(&mut origins) {
+                if *name == "quality" {
+                    *origin = quality_origin.clone();
+                }
+            }
+            Resolved { settings, origins }
+        }
+
+        /// Every field with its documentation, in the order of the list.
+        pub fn reference() -> Vec<FieldInfo> {
+            let defaults = [Quality::Draft, Quality::Standard, Quality::Best].map(BakeSettings::preset);
+            vec![$(
+                FieldInfo {
+                    name: stringify!($name),
+                    doc: [$($doc),+].map(str::trim).join(" "),
+                    accepts: <$type>::accepts($limit),
+                    defaults: if stringify!($name) == "quality" {
+                        [(); 3].map(|()| Quality::default().ron())
+                    } else {
+                        defaults.each_ref().map(|d| d.$name.ron())
+                    },
+                    stages: &[$(StageId::$stage),*],
+                }
+            ),+]
+        }
+    };
+}
+
+fn check<T: Value>(name: &str, value: &T, limit: Limit) -> Result<(), String> {
+    value.check(limit).map_err(|expected| format!("{name}: {} is out of range: expected {expected}", value.ron()))
+}
+
+settings! {
+    /// Whether the file gets levels of detail at all; if not, it passes through.
+    enabled: bool = always(true), Limit::None, [Import];
+    /// Most triangles of each level. The smallest becomes LOD1.
+    faces: Vec<u32> = always(vec![1000, 2000, 4000]), Limit::Between(4.0, 1e6), [Shape];
+    /// How much time is spent. Fields that nobody sets take their value from it.
+    quality: Quality = always(Quality::Standard), Limit::None, [];
+    /// What happens to a file that already has levels of detail.
+    existing_lods: ExistingLods = always(ExistingLods::Keep), Limit::None, [Import];
+    /// Whether the output holds the source's own geometry in front of the levels.
+    source: SourceGeometry = always(SourceGeometry::Keep), Limit::None, [Export];
+    /// Cells of the reconstruction along the longest side of the model.
+    resolution: Resolution = always(Resolution::Auto), Limit::Between(32.0, 512.0), [Reconstruct];
+    /// Which surfaces compete for each level.
+    candidates: Candidates = always(Candidates::All), Limit::None, [Shape];
+    /// Whether faces that no ray from outside reaches are dropped.
+    remove_invisible: bool = always(true), Limit::None, [Shape];
+    /// How much of a quadric's weight depends on how visible its faces are; 0 weighs all faces by area alone.
+    visible_weight: f32 = always(0.9), Limit::Between(0.0, 1.0), [Shape];
+    /// Weight of the curvature quadric, which keeps faces where the surface bends.
+    curvature: f32 = always(0.01), Limit::Between(0.0, 10.0), [Shape];
+    /// Whether the levels must stay closed, at the cost of faces that nobody sees.
+    watertight: bool = always(false), Limit::None, [Shape];
+    /// How a level gets its joint weights.
+    skin_transfer: SkinTransfer = always(SkinTransfer::ClosestSurface), Limit::None, [Rig];
+    /// Side of each level's square textures, in texels.
+    texture_size: u32 = always(1024), Limit::PowerOfTwo(64, 4096), [Unwrap, Texture, Refine];
+    /// Distance between charts, in texels.
+    gutter: u32 = always(4), Limit::Between(1.0, 16.0), [Unwrap, Texture];
+    /// Whether a level gets a normal map with the source's detail.
+    normal_map: bool = always(true), Limit::None, [Texture];
+    /// Number of views that textures are made from and refined against.
+    views: u32 = by_quality(32, 48, 80), Limit::Between(8.0, 256.0), [Texture, Refine];
+    /// Side of each square view, in pixels.
+    view_size: u32 = always(512), Limit::Between(128.0, 2048.0), [Texture, Refine];
+    /// Number of optimisation steps by differentiable rendering; 0 leaves the vertices where they are.
+    refine_steps: u32 = by_quality(0, 120, 300), Limit::Between(0.0, 2000.0), [Refine];
+    /// How strongly neighbouring texels are pulled together where the views say little.
+    texture_smoothness: f32 = always(0.1), Limit::Between(0.0, 10.0), [Texture, Refine];
+    /// Longest way of a vertex in one step, as a fraction of the mean edge length.
+    step_length: f32 = always(0.01), Limit::Between(0.0001, 0.1), [Refine];
+}
+
+impl Default for BakeSettings {
+    fn default() -> Self {
+        Self::preset(Quality::default())
+    }
+}
+
+impl BakeSettings {
+    /// The bytes a cache key takes in for one stage: name and value of each field that the stage reads. Stable over
+    /// platforms and over the order of the fields.
+    pub fn canonical(&self, stage: StageId) -> Vec<u8> {
+        self.canonical_where(|stages| stages.contains(&stage))
+    }
+
+    /// The bytes a cache key takes in for the whole bake. A quality counts only by the values it supplies.
+    pub fn canonical_bake(&self) -> Vec<u8> {
+        self.canonical_where(|stages| !stages.is_empty())
+    }
+
+    fn canonical_where(&self, read: impl Fn(&[StageId]) -> bool) -> Vec<u8> {
+        let mut entries = self.entries();
+        entries.retain(|(_, stages, _)| read(stages));
+        entries.sort_unstable_by_key(|(name, ..)| *name);
+        entries.iter().map(|(name, _, value)| format!("{name}={value}\n")).collect::<String>().into_bytes()
+    }
+}
+
+impl<'de> Deserialize<'de> for BakeOverrides {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        deserializer.deserialize_struct("BakeOverrides", NAMES, OverridesVisitor)
+    }
+}
+
+struct OverridesVisitor;
+
+impl<'de> Visitor<'de> for OverridesVisitor {
+    type Value = BakeOverrides;
+
+    fn expecting(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str("bake settings, such as (faces: [1000], quality: Draft)")
+    }
+
+    fn visit_map<A: MapAccess<'de>>(self, mut map: A) -> Result<BakeOverrides, A::Error> {
+        let mut overrides = BakeOverrides::default();
+        while let Some(FieldName(name)) = map.next_key()? {
+            overrides.read(name, &mut map)?;
+        }
+        Ok(overrides)
+    }
+}
+
+/// Reads one value and checks it before the parser moves on, so that an error has the value's position.
+struct Field<T> {
+    name: &'static str,
+    limit: Limit,
+    of: PhantomData<T>,
+}
+
+impl<'de, T: Value + Deserialize<'de>> DeserializeSeed<'de> for Field<T> {
+    type Value = T;
+
+    fn deserialize<D: Deserializer<'de>>(self, deserializer: D) -> Result<T, D::Error> {
+        let name = self.name;
+        let explained = |e| D::Error::custom(format!("{name}: expected {} ({e})", T::accepts(self.limit)));
+        let value = T::deserialize(deserializer).map_err(explained)?;
+        check(name, &value, self.limit).map_err(D::Error::custom)?;
+        Ok(value)
+    }
+}
+
+/// The name of a field that exists.
+struct FieldName(&'static str);
+
+impl<'de> Deserialize<'de> for FieldName {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        struct NameVisitor;
+
+        impl Visitor<'_> for NameVisitor {
+            type Value = FieldName;
+
+            fn expecting(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+                f.write_str("the name of a setting")
+            }
+
+            fn visit_str<E: serde::de::Error>(self, found: &str) -> Result<FieldName, E> {
+                let known = NAMES.iter().find(|name| **name == found);
+                known.map(|name| FieldName(name)).ok_or_else(|| E::unknown_field(found, NAMES))
+            }
+        }
+
+        deserializer.deserialize_identifier(NameVisitor)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn built_in_values_are_in_range() {
+        for quality in [Quality::Draft, Quality::Standard, Quality::Best] {
+            BakeSettings::preset(quality).check().expect("presets are valid");
+        }
+    }
+
+    #[test]
+    fn command_line_spelling_is_kebab_case() {
+        let mut o = BakeOverrides::default();
+        for (name, value) in [
+            ("quality", "best"),
+            ("skin-transfer", "nearest-vertices"),
+            ("resolution", "128"),
+            ("faces", "500, 100"),
+            ("visible_weight", "0.5"),
+        ] {
+            o.set(name, value).expect(name);
+        }
+        assert_eq!(o.quality, Some(Quality::Best));
+        assert_eq!(o.skin_transfer, Some(SkinTransfer::NearestVertices));
+        assert_eq!(o.resolution, Some(Resolution::Cells(128)));
+        assert_eq!(o.faces, Some(vec![500, 100]));
+        assert_eq!(o.visible_weight, Some(0.5));
+        o.set("resolution", "auto").expect("auto");
+        assert_eq!(o.resolution, Some(Resolution::Auto));
+    }
+
+    #[test]
+    fn bad_command_line_values_are_explained() {
+        let message = |name, value| BakeOverrides::default().set(name, value).expect_err(name).to_string();
+        assert_eq!(
+            message("texture_sise", "1"),
+            "settings: unknown field 'texture_sise'; did you mean 'texture_size'?"
+        );
+        assert_eq!(message("quality", "good"), "settings: quality=good: expected draft, standard or best");
+        assert_eq!(
+            message("texture_size", "1000"),
+            "settings: texture_size: 1000 is out of range: expected a power of two from 64 to 4096"
+        );
+        assert_eq!(
+            message("faces", "1000,2"),
+            "settings: faces: [1000, 2] is out of range: expected 1 to 8 whole numbers, each from 4 to 1000000"
+        );
+        assert!(message("step_length", "nan").contains("a number from 0.0001 to 0.1"));
+    }
+
+    #[test]
+    fn range_ends_are_inside() {
+        for (name, value) in [("step_length", "0.0001"), ("step_length", "0.1"), ("views", "256"), ("faces", "4")] {
+            BakeOverrides::default().set(name, value).expect(name);
+        }
+    }
+
+    #[test]
+    fn a_stage_key_holds_only_what_the_stage_reads() {
+        let mut a = BakeSettings::default();
+        let b = a.clone();
+        a.refine_steps += 1;
+        assert_eq!(a.canonical(StageId::Shape), b.canonical(StageId::Shape));
+        assert_ne!(a.canonical(StageId::Refine), b.canonical(StageId::Refine));
+        assert_ne!(a.canonical_bake(), b.canonical_bake());
+        assert_eq!(String::from_utf8_lossy(&b.canonical(StageId::Unwrap)), "gutter=4\ntexture_size=1024\n");
+    }
+
+    #[test]
+    fn a_quality_counts_by_its_values() {
+        let best = BakeSettings::preset(Quality::Best);
+        let mut spelled = BakeSettings::preset(Quality::Draft);
+        (spelled.views, spelled.refine_steps) = (best.views, best.refine_steps);
+        assert_eq!(best.canonical_bake(), spelled.canonical_bake());
+    }
+
+    #[test]
+    fn the_reference_covers_every_field() {
+        let fields = reference();
+        assert_eq!(fields.len(), NAMES.len());
+        assert!(fields.iter().all(|f| !f.doc.is_empty() && !f.accepts.is_empty()));
+        let presets: Vec<_> = fields.iter().filter(|f| f.is_preset()).map(|f| f.name).collect();
+        assert_eq!(presets, ["views", "refine_steps"]);
+    }
+}

@@ -1,0 +1,177 @@
+//! `config/simpliguard.ron`: a project's defaults, rules and profiles.
+
+use std::collections::BTreeMap;
+
+use globset::{GlobBuilder, GlobMatcher};
+use serde::Deserialize;
+use serde::de::{Deserializer, Error as _};
+
+use super::text::{did_you_mean, parse};
+use super::{BakeOverrides, Layer, Origin};
+use crate::Error;
+
+/// A project file:
+///
+/// ```ron
+/// (
+///     defaults: (texture_size: 2048),
+///     rules: [(glob: "props/**", settings: (faces: [250, 500]))],
+///     profiles: {"vr": (quality: Best)},
+///     cache: (dir: "../shared-cache"),
+/// )
+/// ```
+#[derive(Clone, Debug, Default)]
+pub struct ProjectFile {
+    file: String,
+    /// For every model.
+    pub defaults: BakeOverrides,
+    /// For models whose path matches, later rules over earlier ones.
+    pub rules: Vec<Rule>,
+    /// For a platform or purpose, chosen by name.
+    pub profiles: BTreeMap<String, BakeOverrides>,
+    /// What never changes a byte of the output, and is part of no key.
+    pub project: ProjectSettings,
+}
+
+/// Settings of a project that never change a byte of the output.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct ProjectSettings {
+    /// Folder of the cache, relative to the project's folder.
+    pub cache_dir: Option<String>,
+}
+
+/// Overrides for some of the models.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Rule {
+    #[serde(deserialize_with = "matcher")]
+    glob: GlobMatcher,
+    /// What is set for them.
+    pub settings: BakeOverrides,
+}
+
+impl Rule {
+    /// The pattern as written.
+    pub fn glob(&self) -> &str {
+        self.glob.glob().glob()
+    }
+
+    /// Whether the rule is for the model at `path`, relative to the asset folder, its parts separated by `/`.
+    pub fn applies_to(&self, path: &str) -> bool {
+        self.glob.is_match(path)
+    }
+}
+
+/// `*` stays within a folder and `**` crosses folders, on every platform.
+fn matcher<'de, D: Deserializer<'de>>(deserializer: D) -> Result<GlobMatcher, D::Error> {
+    let pattern = String::deserialize(deserializer)?;
+    let glob = GlobBuilder::new(&pattern).literal_separator(true).backslash_escape(true).build();
+    Ok(glob.map_err(|e| D::Error::custom(format!("glob: {e}")))?.compile_matcher())
+}
+
+#[derive(Deserialize, Default)]
+#[serde(default, deny_unknown_fields, rename = "ProjectFile")]
+struct Contents {
+    defaults: BakeOverrides,
+    rules: Vec<Rule>,
+    profiles: BTreeMap<String, BakeOverrides>,
+    cache: CacheContents,
+}
+
+#[derive(Deserialize, Default)]
+#[serde(default, deny_unknown_fields, rename = "cache")]
+struct CacheContents {
+    #[serde(with = "serde_with::rust::unwrap_or_skip")]
+    dir: Option<String>,
+}
+
+impl ProjectFile {
+    /// Where the file lies in a project.
+    pub const PATH: &'static str = "config/simpliguard.ron";
+
+    /// Reads a project file. `file` is for messages and origins.
+    pub fn parse(text: &str, file: &str) -> Result<Self, Error> {
+        let Contents { defaults, rules, profiles, cache } = parse(text, file)?;
+        Ok(Self { file: file.to_owned(), defaults, rules, profiles, project: ProjectSettings { cache_dir: cache.dir } })
+    }
+
+    /// The layers that this file lays under a model's `.meta`: defaults, matching rules in order, then the profile.
+    ///
+    /// `path` is the model's path relative to the asset folder, its parts separated by `/`.
+    ///
+    /// # Errors
+    /// A profile that the file does not have.
+    pub fn layers(&self, path: &str, profile: Option<&str>) -> Result<Vec<Layer>, Error> {
+        let file = || self.file.clone();
+        let mut layers = vec![Layer { origin: Origin::Project { file: file() }, overrides: self.defaults.clone() }];
+        layers.extend(self.rules.iter().filter(|rule| rule.applies_to(path)).map(|rule| Layer {
+            origin: Origin::Rule { file: file(), glob: rule.glob().to_owned() },
+            overrides: rule.settings.clone(),
+        }));
+        if let Some(name) = profile {
+            let overrides = self.profiles.get(name).ok_or_else(|| self.no_profile(name))?.clone();
+            layers.push(Layer { origin: Origin::Profile { file: file(), name: name.to_owned() }, overrides });
+        }
+        Ok(layers)
+    }
+
+    fn no_profile(&self, name: &str) -> Error {
+        let known: Vec<&str> = self.profiles.keys().map(String::as_str).collect();
+        let place = if self.file.is_empty() { Self::PATH } else { &self.file };
+        let hint = if known.is_empty() { "; it has none".to_owned() } else { did_you_mean(name, &known) };
+        Error::Settings(format!("{place}: no profile named '{name}'{hint}"))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::settings::{Quality, resolve};
+
+    const TEXT: &str = r#"(
+        defaults: (texture_size: 2048),
+        rules: [
+            (glob: "props/**", settings: (faces: [250, 500], gutter: 2)),
+            (glob: "props/*.glb", settings: (gutter: 3)),
+        ],
+        profiles: {"vr": (quality: Best)},
+        cache: (dir: "../cache"),
+    )"#;
+
+    #[test]
+    fn rules_match_by_path_and_the_last_wins() {
+        let file = ProjectFile::parse(TEXT, "config/simpliguard.ron").expect("valid");
+        let resolved = |path, profile| resolve(file.layers(path, profile).expect("layers")).expect("valid");
+        let deep = resolved("props/a/chair.glb", None);
+        assert_eq!((deep.settings.gutter, deep.settings.texture_size), (2, 2048));
+        assert_eq!(resolved("props/chair.glb", None).settings.gutter, 3);
+        let other = resolved("fox.glb", Some("vr"));
+        assert_eq!((other.settings.gutter, other.settings.quality), (4, Quality::Best));
+        assert_eq!(
+            deep.origin("faces").map(ToString::to_string).as_deref(),
+            Some("config/simpliguard.ron, rule \"props/**\"")
+        );
+        assert_eq!(file.project.cache_dir.as_deref(), Some("../cache"));
+    }
+
+    #[test]
+    fn an_unknown_profile_is_named() {
+        let file = ProjectFile::parse(TEXT, "p.ron").expect("valid");
+        let message = file.layers("a", Some("vt")).expect_err("unknown").to_string();
+        assert_eq!(message, "settings: p.ron: no profile named 'vt'; did you mean 'vr'?");
+    }
+
+    #[test]
+    fn mistakes_are_located() {
+        let message = |text: &str| ProjectFile::parse(text, "p.ron").expect_err(text).to_string();
+        assert_eq!(
+            message("(\n default: ())"),
+            "settings: p.ron:2:2: unknown field 'default'; did you mean 'defaults'?"
+        );
+        assert_eq!(
+            message("(rules: [\n(glob: \"*\", settings: (fces: [1]))])"),
+            "settings: p.ron:2:24: unknown field 'fces'; did you mean 'faces'?"
+        );
+        assert!(message("(rules: [\n(glob: \"[\", settings: ())])").starts_with("settings: p.ron:2:"));
+    }
+}

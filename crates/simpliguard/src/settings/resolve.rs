@@ -1,0 +1,178 @@
+//! Layers of overrides, and the settings they add up to.
+
+use std::fmt;
+
+use super::fields::lay;
+use super::{BakeOverrides, BakeSettings, Quality};
+use crate::Error;
+
+/// Where a value came from. File names are as the caller gave them.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Origin {
+    /// The same at every quality.
+    BuiltIn,
+    /// Supplied by the quality in effect.
+    Preset(Quality),
+    /// `defaults` of the project file.
+    Project {
+        /// The project file.
+        file: String,
+    },
+    /// A rule of the project file.
+    Rule {
+        /// The project file.
+        file: String,
+        /// The rule's pattern.
+        glob: String,
+    },
+    /// A profile of the project file.
+    Profile {
+        /// The project file.
+        file: String,
+        /// The profile's name.
+        name: String,
+    },
+    /// The `.meta` file beside the model.
+    Meta {
+        /// The `.meta` file.
+        file: String,
+    },
+    /// A settings file named on the command line.
+    File {
+        /// The settings file.
+        file: String,
+    },
+    /// The command line itself.
+    CommandLine,
+}
+
+impl fmt::Display for Origin {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::BuiltIn => f.write_str("built in"),
+            Self::Preset(quality) => write!(f, "quality {quality:?}"),
+            Self::Project { file } => write!(f, "{file}, defaults"),
+            Self::Rule { file, glob } => write!(f, "{file}, rule \"{glob}\""),
+            Self::Profile { file, name } => write!(f, "{file}, profile \"{name}\""),
+            Self::Meta { file } | Self::File { file } => f.write_str(file),
+            Self::CommandLine => f.write_str("command line"),
+        }
+    }
+}
+
+/// Overrides and where they came from.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Layer {
+    /// Where from.
+    pub origin: Origin,
+    /// What is set.
+    pub overrides: BakeOverrides,
+}
+
+/// Settings with the origin of each value.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Resolved {
+    /// Checked, lists of budgets sorted and without repetition.
+    pub settings: BakeSettings,
+    /// In the order of the fields.
+    pub(super) origins: Vec<Origin>,
+}
+
+/// One field of [`Resolved`].
+#[derive(Clone, Debug, PartialEq)]
+pub struct Effective<'a> {
+    /// The field.
+    pub name: &'static str,
+    /// Its value as RON.
+    pub value: String,
+    /// Where the value came from.
+    pub origin: &'a Origin,
+}
+
+impl Resolved {
+    /// Every field with value and origin, in the order of the reference.
+    pub fn effective(&self) -> impl Iterator<Item = Effective<'_>> {
+        let entries = self.settings.entries().into_iter();
+        entries.zip(&self.origins).map(|((name, _, value), origin)| Effective { name, value, origin })
+    }
+
+    /// Where the value of a field came from; `None` if there is no such field.
+    pub fn origin(&self, field: &str) -> Option<&Origin> {
+        self.effective().find(|e| e.name == field).map(|e| e.origin)
+    }
+}
+
+/// Lays overrides over the built-in values, each layer over those before it: project defaults, matching rules, profile,
+/// `.meta`, settings file, command line. The quality is looked up first, in all layers, and supplies its preset below
+/// all of them.
+///
+/// # Errors
+/// A value out of its range. Overrides that were read from text are in range already.
+pub fn resolve(layers: Vec<Layer>) -> Result<Resolved, Error> {
+    let quality = layers.iter().rev().find_map(|l| l.overrides.quality.map(|q| (q, l.origin.clone())));
+    let resolved = lay(quality.unwrap_or((Quality::default(), Origin::BuiltIn)), layers);
+    resolved.settings.check()?;
+    Ok(resolved)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn layer(origin: Origin, set: &[(&str, &str)]) -> Layer {
+        let mut overrides = BakeOverrides::default();
+        for (name, value) in set {
+            overrides.set(name, value).expect(name);
+        }
+        Layer { origin, overrides }
+    }
+
+    fn project() -> Origin {
+        Origin::Project { file: "config/simpliguard.ron".into() }
+    }
+
+    #[test]
+    fn nothing_set_gives_the_built_in_values() {
+        let resolved = resolve(Vec::new()).expect("valid");
+        assert_eq!(resolved.settings, BakeSettings::default());
+        assert_eq!(resolved.origin("faces"), Some(&Origin::BuiltIn));
+        assert_eq!(resolved.origin("quality"), Some(&Origin::BuiltIn));
+        assert_eq!(resolved.origin("views"), Some(&Origin::Preset(Quality::Standard)));
+        assert_eq!(resolved.origin("nothing"), None);
+    }
+
+    #[test]
+    fn later_layers_win_field_by_field() {
+        let layers = vec![
+            layer(project(), &[("views", "64"), ("gutter", "2")]),
+            layer(Origin::CommandLine, &[("views", "100")]),
+        ];
+        let resolved = resolve(layers).expect("valid");
+        assert_eq!((resolved.settings.views, resolved.settings.gutter), (100, 2));
+        assert_eq!(resolved.origin("views"), Some(&Origin::CommandLine));
+        assert_eq!(resolved.origin("gutter"), Some(&project()));
+    }
+
+    #[test]
+    fn explicit_fields_win_over_a_quality_from_any_layer() {
+        let layers = vec![layer(project(), &[("views", "64")]), layer(Origin::CommandLine, &[("quality", "best")])];
+        let resolved = resolve(layers).expect("valid");
+        assert_eq!((resolved.settings.views, resolved.settings.refine_steps), (64, 300));
+        assert_eq!(resolved.settings.quality, Quality::Best);
+        assert_eq!(resolved.origin("quality"), Some(&Origin::CommandLine));
+        assert_eq!(resolved.origin("refine_steps"), Some(&Origin::Preset(Quality::Best)));
+    }
+
+    #[test]
+    fn budgets_are_sorted_and_distinct() {
+        let resolved = resolve(vec![layer(Origin::CommandLine, &[("faces", "4000,500,4000")])]).expect("valid");
+        assert_eq!(resolved.settings.faces, [500, 4000]);
+    }
+
+    #[test]
+    fn overrides_made_in_code_are_checked() {
+        let overrides = BakeOverrides { gutter: Some(99), ..BakeOverrides::default() };
+        let error = resolve(vec![Layer { origin: project(), overrides }]).expect_err("out of range");
+        assert_eq!(error.to_string(), "settings: gutter: 99 is out of range: expected a whole number from 1 to 16");
+    }
+}

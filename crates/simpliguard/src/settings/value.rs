@@ -1,0 +1,235 @@
+//! The kinds of values a field can have.
+
+use serde::{Deserialize, Serialize};
+
+/// The longest list of budgets.
+const MAX_BUDGETS: usize = 8;
+
+/// The range of a field, ends included. Numbers inside lists and variants are meant.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Limit {
+    /// Anything its type can hold.
+    None,
+    /// From the first to the second.
+    Between(f64, f64),
+    /// A power of two from the first to the second.
+    PowerOfTwo(u32, u32),
+}
+
+impl Limit {
+    fn allows_whole(self, value: u32) -> bool {
+        match self {
+            Self::None => true,
+            Self::Between(low, high) => (low..=high).contains(&f64::from(value)),
+            Self::PowerOfTwo(low, high) => value.is_power_of_two() && (low..=high).contains(&value),
+        }
+    }
+
+    /// "from 1 to 16", after "a whole number" and the like.
+    fn words(self) -> String {
+        match self {
+            Self::None => String::new(),
+            Self::Between(low, high) => format!(" from {low} to {high}"),
+            Self::PowerOfTwo(low, high) => format!(" (a power of two) from {low} to {high}"),
+        }
+    }
+}
+
+/// What the list of fields needs from a type.
+pub(super) trait Value: Sized {
+    /// What may be written, in words: "a whole number from 1 to 16".
+    fn accepts(limit: Limit) -> String;
+    /// From the command line's spelling. `Err` says what was expected.
+    fn from_arg(text: &str) -> Result<Self, String>;
+    /// RON spelling, one for each value.
+    fn ron(&self) -> String;
+    /// `Err` says what was expected.
+    fn check(&self, _: Limit) -> Result<(), String> {
+        Ok(())
+    }
+    /// Equal wishes become equal values.
+    fn normalised(self) -> Self {
+        self
+    }
+}
+
+impl Value for bool {
+    fn accepts(_: Limit) -> String {
+        "true or false".into()
+    }
+
+    fn from_arg(text: &str) -> Result<Self, String> {
+        text.trim().parse().map_err(|_| Self::accepts(Limit::None))
+    }
+
+    fn ron(&self) -> String {
+        self.to_string()
+    }
+}
+
+impl Value for u32 {
+    fn accepts(limit: Limit) -> String {
+        match limit {
+            Limit::PowerOfTwo(low, high) => format!("a power of two from {low} to {high}"),
+            limit => format!("a whole number{}", limit.words()),
+        }
+    }
+
+    fn from_arg(text: &str) -> Result<Self, String> {
+        text.trim().parse().map_err(|_| "a whole number".into())
+    }
+
+    fn ron(&self) -> String {
+        self.to_string()
+    }
+
+    fn check(&self, limit: Limit) -> Result<(), String> {
+        if limit.allows_whole(*self) { Ok(()) } else { Err(Self::accepts(limit)) }
+    }
+}
+
+impl Value for f32 {
+    fn accepts(limit: Limit) -> String {
+        format!("a number{}", limit.words())
+    }
+
+    fn from_arg(text: &str) -> Result<Self, String> {
+        text.trim().parse().map_err(|_| "a number".into())
+    }
+
+    fn ron(&self) -> String {
+        format!("{self:?}")
+    }
+
+    fn check(&self, limit: Limit) -> Result<(), String> {
+        let allowed = match limit {
+            // Compared in single precision, so that the ends as users write them are inside.
+            Limit::Between(low, high) => (low as f32..=high as f32).contains(self),
+            _ => self.is_finite(),
+        };
+        if allowed { Ok(()) } else { Err(Self::accepts(limit)) }
+    }
+
+    fn normalised(self) -> Self {
+        // -0 becomes 0.
+        self + 0.0
+    }
+}
+
+impl Value for Vec<u32> {
+    fn accepts(limit: Limit) -> String {
+        format!("1 to {MAX_BUDGETS} whole numbers, each{}", limit.words())
+    }
+
+    fn from_arg(text: &str) -> Result<Self, String> {
+        text.split(',')
+            .map(u32::from_arg)
+            .collect::<Result<_, _>>()
+            .map_err(|_| "whole numbers with commas between".into())
+    }
+
+    fn ron(&self) -> String {
+        format!("{self:?}")
+    }
+
+    fn check(&self, limit: Limit) -> Result<(), String> {
+        let allowed = (1..=MAX_BUDGETS).contains(&self.len()) && self.iter().all(|n| limit.allows_whole(*n));
+        if allowed { Ok(()) } else { Err(Self::accepts(limit)) }
+    }
+
+    fn normalised(mut self) -> Self {
+        self.sort_unstable();
+        self.dedup();
+        self
+    }
+}
+
+/// Resolution of the reconstruction.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Resolution {
+    /// Chosen for each level.
+    #[default]
+    Auto,
+    /// Cells along the longest side of the model's bounding box.
+    Cells(u32),
+}
+
+impl Value for Resolution {
+    fn accepts(limit: Limit) -> String {
+        format!("Auto or Cells(n), n{}", limit.words())
+    }
+
+    fn from_arg(text: &str) -> Result<Self, String> {
+        match text.trim() {
+            "auto" => Ok(Self::Auto),
+            text => text.parse().map(Self::Cells).map_err(|_| "auto or a number of cells".into()),
+        }
+    }
+
+    fn ron(&self) -> String {
+        match self {
+            Self::Auto => "Auto".into(),
+            Self::Cells(n) => format!("Cells({n})"),
+        }
+    }
+
+    fn check(&self, limit: Limit) -> Result<(), String> {
+        match self {
+            Self::Cells(n) if !limit.allows_whole(*n) => Err(Self::accepts(limit)),
+            _ => Ok(()),
+        }
+    }
+}
+
+/// An enum without data: PascalCase in RON, kebab-case on the command line.
+macro_rules! choice {
+    (
+        $(#[$meta:meta])*
+        pub enum $name:ident { $( $(#[$variant_meta:meta])* $variant:ident, )+ }
+    ) => {
+        $(#[$meta])*
+        #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+        pub enum $name { $( $(#[$variant_meta])* $variant, )+ }
+
+        impl $crate::settings::value::Value for $name {
+            fn accepts(_: $crate::settings::value::Limit) -> String {
+                $crate::settings::value::one_of([$(stringify!($variant).to_owned()),+])
+            }
+
+            fn from_arg(text: &str) -> Result<Self, String> {
+                use $crate::settings::value::{kebab, one_of};
+                $(
+                    if text.trim() == kebab(stringify!($variant)) {
+                        return Ok(Self::$variant);
+                    }
+                )+
+                Err(one_of([$(kebab(stringify!($variant))),+]))
+            }
+
+            fn ron(&self) -> String {
+                match self { $( Self::$variant => stringify!($variant).to_owned(), )+ }
+            }
+        }
+    };
+}
+pub(super) use choice;
+
+/// "a, b or c".
+pub(super) fn one_of<const N: usize>(choices: [String; N]) -> String {
+    match choices.split_last() {
+        Some((last, rest)) if !rest.is_empty() => format!("{} or {last}", rest.join(", ")),
+        _ => choices.concat(),
+    }
+}
+
+/// `ClosestSurface` to `closest-surface`.
+pub(super) fn kebab(pascal: &str) -> String {
+    let mut out = String::with_capacity(pascal.len() + 4);
+    for c in pascal.chars() {
+        if c.is_ascii_uppercase() && !out.is_empty() {
+            out.push('-');
+        }
+        out.push(c.to_ascii_lowercase());
+    }
+    out
+}

@@ -1,0 +1,72 @@
+//! Writing a file so that nobody ever sees half of it.
+
+use std::fs;
+use std::io::{self, Write};
+use std::path::Path;
+
+/// Writes `bytes` to a temporary file in the folder of `path`, syncs it and renames it to `path`. Makes the folder if
+/// need be. If anything fails, `path` is as it was.
+pub fn write_atomic(path: &Path, bytes: &[u8]) -> io::Result<()> {
+    let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    fs::create_dir_all(folder)?;
+    let mut builder = tempfile::Builder::new();
+    builder.prefix(".simpliguard-").suffix(".tmp");
+    #[cfg(unix)]
+    {
+        // As any new file, by the user's umask; temporary files are private otherwise.
+        use std::os::unix::fs::PermissionsExt;
+        builder.permissions(fs::Permissions::from_mode(0o666));
+    }
+    let mut file = builder.tempfile_in(folder)?;
+    file.write_all(bytes)?;
+    file.as_file().sync_all()?;
+    persist(file, path)
+}
+
+#[cfg(not(windows))]
+fn persist(file: tempfile::NamedTempFile, path: &Path) -> io::Result<()> {
+    file.persist(path).map(drop).map_err(|e| e.error)
+}
+
+/// A rename fails while another process, often a virus scanner, has the target open.
+#[cfg(windows)]
+fn persist(mut file: tempfile::NamedTempFile, path: &Path) -> io::Result<()> {
+    let mut wait = std::time::Duration::from_millis(5);
+    loop {
+        match file.persist(path) {
+            Ok(_) => return Ok(()),
+            Err(e) if e.error.kind() == io::ErrorKind::PermissionDenied && wait.as_millis() < 500 => {
+                file = e.file;
+                std::thread::sleep(wait);
+                wait *= 2;
+            }
+            Err(e) => return Err(e.error),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_file_is_replaced_and_nothing_else_stays() {
+        let dir = tempfile::tempdir().expect("tempdir");
+        let path = dir.path().join("a/b.bin");
+        write_atomic(&path, b"one").expect("writes");
+        write_atomic(&path, b"two").expect("replaces");
+        assert_eq!(fs::read(&path).expect("reads"), b"two");
+        assert_eq!(fs::read_dir(dir.path().join("a")).expect("lists").count(), 1);
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn others_may_read_what_the_umask_allows() {
+        use std::os::unix::fs::PermissionsExt;
+        let dir = tempfile::tempdir().expect("tempdir");
+        write_atomic(&dir.path().join("ours"), b"").expect("writes");
+        fs::write(dir.path().join("plain"), b"").expect("writes");
+        let mode = |name| fs::metadata(dir.path().join(name)).expect("exists").permissions().mode();
+        assert_eq!(mode("ours"), mode("plain"));
+    }
+}

@@ -1,0 +1,218 @@
+//! The store on disk.
+
+use std::fs;
+use std::io;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
+
+use serde::{Deserialize, Serialize};
+
+use crate::{ContentHash, Key, write_atomic};
+
+/// Format of the records.
+const RECORD_VERSION: u32 = 1;
+
+/// The result of a bake: named objects, and who made them.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Entry {
+    /// What computed it, such as `cpu`.
+    pub made_by: String,
+    /// Names and contents, in the order they were stored.
+    pub objects: Vec<(String, Vec<u8>)>,
+}
+
+impl Entry {
+    /// The content of an object.
+    pub fn object(&self, name: &str) -> Option<&[u8]> {
+        self.objects.iter().find(|(n, _)| n == name).map(|(_, bytes)| bytes.as_slice())
+    }
+}
+
+/// What [`Cache::get`] found.
+#[derive(Debug)]
+pub enum Lookup {
+    /// Everything is there and matches its hash.
+    Hit(Entry),
+    /// There is no such result.
+    Miss,
+    /// There is one, but it cannot be used; for a warning. It counts as a miss.
+    Damaged(StorageError),
+}
+
+/// Something the store could not do. Never a reason to stop a bake.
+#[derive(Debug, thiserror::Error)]
+pub enum StorageError {
+    /// The file system refused.
+    #[error("cache: cannot {action} {}: {source}", path.display())]
+    Io {
+        /// What was tried.
+        action: &'static str,
+        /// On what.
+        path: PathBuf,
+        /// Why not.
+        source: io::Error,
+    },
+    /// A file does not hold what it should.
+    #[error("cache: {} {reason}; {}", path.display(), if *moved { "moved to quarantine" } else { "it could not be moved away" })]
+    Damaged {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong with it.
+        reason: String,
+        /// Whether it is in quarantine now.
+        moved: bool,
+    },
+}
+
+/// What a [`Cache`] has seen since it was opened.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Stats {
+    /// Results found whole.
+    pub hits: u64,
+    /// Results not found, or not whole.
+    pub misses: u64,
+    /// Files that did not match their hash.
+    pub quarantined: u64,
+}
+
+/// A cache folder. Any number of threads and processes may use one at the same time.
+#[derive(Debug)]
+pub struct Cache {
+    root: PathBuf,
+    hits: AtomicU64,
+    misses: AtomicU64,
+    quarantined: AtomicU64,
+}
+
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Record {
+    version: u32,
+    key: String,
+    made_by: String,
+    objects: Vec<ObjectRecord>,
+}
+
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct ObjectRecord {
+    name: String,
+    hash: String,
+    size: u64,
+}
+
+impl Cache {
+    /// A cache in a folder, which need not exist yet. Touches nothing.
+    pub fn new(root: impl Into<PathBuf>) -> Self {
+        Self { root: root.into(), hits: 0.into(), misses: 0.into(), quarantined: 0.into() }
+    }
+
+    /// Its folder.
+    pub fn root(&self) -> &Path {
+        &self.root
+    }
+
+    /// Counts since [`Self::new`].
+    pub fn stats(&self) -> Stats {
+        Stats {
+            hits: self.hits.load(Relaxed),
+            misses: self.misses.load(Relaxed),
+            quarantined: self.quarantined.load(Relaxed),
+        }
+    }
+
+    /// Looks up a result, reading and checking all its objects.
+    pub fn get(&self, key: &Key) -> Lookup {
+        let (counter, lookup) = match self.read(key) {
+            Ok(Some(entry)) => (&self.hits, Lookup::Hit(entry)),
+            Ok(None) => (&self.misses, Lookup::Miss),
+            Err(error) => (&self.misses, Lookup::Damaged(error)),
+        };
+        counter.fetch_add(1, Relaxed);
+        lookup
+    }
+
+    /// Stores a result: objects first, then the record that makes them count.
+    pub fn put(&self, key: &Key, entry: &Entry) -> Result<(), StorageError> {
+        let mut objects = Vec::with_capacity(entry.objects.len());
+        for (name, bytes) in &entry.objects {
+            let hash = blake3::hash(bytes);
+            let path = self.path("objects", &hash);
+            if !fs::read(&path).is_ok_and(|there| there == *bytes) {
+                write(&path, bytes)?;
+            }
+            objects.push(ObjectRecord {
+                name: name.clone(),
+                hash: hash.to_hex().to_string(),
+                size: bytes.len() as u64,
+            });
+        }
+        let record = Record { version: RECORD_VERSION, key: key.hex(), made_by: entry.made_by.clone(), objects };
+        let path = self.path("results", key.hash());
+        let text = serde_json::to_vec_pretty(&record).map_err(|e| StorageError::Io {
+            action: "write",
+            path: path.clone(),
+            source: e.into(),
+        })?;
+        write(&path, &text)
+    }
+
+    fn read(&self, key: &Key) -> Result<Option<Entry>, StorageError> {
+        let path = self.path("results", key.hash());
+        let Some(text) = read(&path)? else { return Ok(None) };
+        let record = match serde_json::from_slice::<Record>(&text) {
+            Ok(record) if record.version != RECORD_VERSION => return Ok(None),
+            Ok(record) if record.key == key.hex() => record,
+            Ok(_) => return Err(self.quarantine(path, "is the record of another key")),
+            Err(e) => return Err(self.quarantine(path, &format!("is no record ({e})"))),
+        };
+        let mut objects = Vec::with_capacity(record.objects.len());
+        for object in record.objects {
+            let Ok(hash) = ContentHash::from_hex(&object.hash) else {
+                return Err(self.quarantine(path, "names an object by a malformed hash"));
+            };
+            let Some(bytes) = self.read_object(&hash, object.size)? else { return Ok(None) };
+            objects.push((object.name, bytes));
+        }
+        Ok(Some(Entry { made_by: record.made_by, objects }))
+    }
+
+    fn read_object(&self, hash: &ContentHash, size: u64) -> Result<Option<Vec<u8>>, StorageError> {
+        let path = self.path("objects", hash);
+        let Some(bytes) = read(&path)? else { return Ok(None) };
+        if bytes.len() as u64 != size {
+            return Err(self.quarantine(path, &format!("has {} bytes instead of {size}", bytes.len())));
+        }
+        if blake3::hash(&bytes) != *hash {
+            return Err(self.quarantine(path, "does not match its hash"));
+        }
+        Ok(Some(bytes))
+    }
+
+    fn quarantine(&self, path: PathBuf, reason: &str) -> StorageError {
+        let nth = self.quarantined.fetch_add(1, Relaxed);
+        let name = path.file_name().unwrap_or_default().to_string_lossy();
+        let folder = self.root.join("quarantine");
+        let target = folder.join(format!("{name}.{}.{nth}", std::process::id()));
+        let moved = fs::create_dir_all(&folder).and_then(|()| fs::rename(&path, target)).is_ok();
+        StorageError::Damaged { path, reason: reason.to_owned(), moved }
+    }
+
+    fn path(&self, folder: &str, hash: &blake3::Hash) -> PathBuf {
+        let hex = hash.to_hex();
+        let (first, rest) = hex.split_at(2);
+        self.root.join(folder).join(first).join(rest)
+    }
+}
+
+fn read(path: &Path) -> Result<Option<Vec<u8>>, StorageError> {
+    match fs::read(path) {
+        Ok(bytes) => Ok(Some(bytes)),
+        Err(e) if e.kind() == io::ErrorKind::NotFound => Ok(None),
+        Err(source) => Err(StorageError::Io { action: "read", path: path.to_owned(), source }),
+    }
+}
+
+fn write(path: &Path, bytes: &[u8]) -> Result<(), StorageError> {
+    write_atomic(path, bytes).map_err(|source| StorageError::Io { action: "write", path: path.to_owned(), source })
+}
