@@ -232,10 +232,10 @@ impl<'a> ClipBuilder<'a> {
     }
 }
 
-/// A crawl in place: a wave runs out along each arm, neighbours half a turn apart.
+/// A crawl in place: a wave runs out along each arm, neighbours a little over half a turn apart.
 fn walk(joints: &[Joint]) -> Clip {
     let mut clip = ClipBuilder::new(joints, "walk", 2.0);
-    clip.translate(HEAD, |t| DVec3::new(0.006 * sin(t * TAU), 0.008 + 0.008 * cos(2.0 * t * TAU), 0.0));
+    clip.translate(HEAD, |t| DVec3::new(0.006 * sin(t * TAU), 0.006 + 0.006 * cos(2.0 * t * TAU), 0.0));
     clip.rotate(HEAD, |t| (0.05 * sin(2.0 * t * TAU), 0.05 * sin(t * TAU)));
     for k in 0..MANTLE_JOINTS {
         clip.rotate(MANTLE_FIRST + k, |t| {
@@ -243,13 +243,14 @@ fn walk(joints: &[Joint]) -> Clip {
         });
     }
     for arm in 0..ARMS {
-        let phase = arm as f64 * 0.5 + arm as f64 * 0.06;
+        let phase = 0.56 * arm as f64;
         for k in 0..ARM_JOINTS {
             let lag = 0.12 * k as f64;
-            let lift = if k == 0 { 0.16 } else { 0.24 };
+            // The root joint only lifts; the others press down as much as they lift.
+            let (lift, hold) = if k == 0 { (0.2, 0.24) } else { (0.17, 0.0) };
             clip.rotate(arm_joint(arm, k), |t| {
                 let wave = (t + phase - lag) * TAU;
-                (-lift * sin(wave) - if k == 0 { 0.08 } else { 0.0 }, 0.16 * cos(wave))
+                (-hold - lift * sin(wave), 0.16 * cos(wave))
             });
         }
     }
