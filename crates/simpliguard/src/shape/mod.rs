@@ -9,6 +9,7 @@
 
 mod candidates;
 mod collapse;
+mod deviation;
 mod quadric;
 mod visibility;
 mod weld;
@@ -22,6 +23,8 @@ use crate::reconstruct::{self, reconstruct};
 use crate::render::{Frame, View};
 use crate::{Bvh, Context, Error, StageId};
 use collapse::Simplifier;
+
+pub use deviation::{Deviation, deviation};
 
 /// Faces kept, as a multiple of the largest budget, when enclosed faces are looked for.
 const ENCLOSED_AT: usize = 4;

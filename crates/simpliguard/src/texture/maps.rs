@@ -7,7 +7,7 @@ use image::{Rgb, RgbImage, Rgba, RgbaImage};
 
 use super::{GUTTER_STEPS, Texel, dilate};
 use crate::mesh::TriMesh;
-use crate::model::{AlphaMode, Influences, LevelMaterial, LevelMesh, LevelTextures, Model, linear_to_srgb};
+use crate::model::{AlphaMode, Influences, LevelMaterial, LevelMesh, LevelTextures, linear_to_srgb};
 use crate::render::SurfaceSample;
 use crate::unwrap::Atlas;
 
@@ -47,7 +47,6 @@ pub fn level_mesh(mesh: &TriMesh, atlas: &Atlas, influences: &[Influences], tang
 
 /// The images of a level, `base_color` being the refined texture (encoded), and the factors that go with them.
 pub fn maps(
-    model: &Model,
     mesh: &LevelMesh,
     texels: &[Option<Texel>],
     samples: &[Option<SurfaceSample>],
@@ -73,7 +72,6 @@ pub fn maps(
         emissive: (varying.emissive != Vec3::ZERO)
             .then(|| painter.rgb(|_, s| (s.emissive / varying.emissive).map(|c| linear_to_srgb(c)), Vec3::ZERO)),
     };
-    debug_assert_eq!(texels.len(), size * size, "{}", model.name);
     (textures, varying)
 }
 

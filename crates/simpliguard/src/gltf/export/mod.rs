@@ -35,18 +35,8 @@ use self::builder::{Builder, Kind, indices, number};
 use self::level::EncodedLevel;
 use self::skin::Binding;
 use crate::model::{Level, Model};
+use crate::settings::SourceGeometry;
 use crate::{Error, StageId};
-
-/// What of the source a combined file holds.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize)]
-pub enum SourceGeometry {
-    /// Everything, unchanged.
-    #[default]
-    Keep,
-    /// Its nodes, skeleton and clips; not the meshes that levels replace, nor materials and textures only they use.
-    /// Nodes keep their indices, other arrays close up.
-    Drop,
-}
 
 /// How levels are written.
 #[derive(Clone, Debug, PartialEq, Eq)]

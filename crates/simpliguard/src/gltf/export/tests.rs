@@ -7,10 +7,11 @@ use glam::{Mat4, Vec2, Vec3};
 use image::{Rgb, RgbImage, Rgba, RgbaImage};
 use serde_json::{Value, json};
 
-use super::{ExportOptions, SourceGeometry, export, export_level};
+use super::{ExportOptions, export, export_level};
 use crate::model::{
     AlphaMode, Bone, Document, Influences, Level, LevelMaterial, LevelMesh, LevelTextures, Model, Rig, Surface,
 };
+use crate::settings::SourceGeometry;
 
 /// JSON and binary chunk of a GLB.
 struct Read {
