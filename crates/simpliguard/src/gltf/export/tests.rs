@@ -314,9 +314,10 @@ fn a_skinned_levels_scene_has_its_own_joints_and_shares_mesh_and_matrices() {
 }
 
 #[test]
-fn a_merged_skin_has_one_joint_per_node() {
+fn a_merged_skin_has_one_joint_per_node_and_binds_in_the_world() {
     let mut model = two_bones(None);
     let rig = model.rig.as_mut().expect("rig");
+    // The same joint, bound in other units.
     let double = Bone { inverse_bind: Mat4::from_scale(Vec3::splat(3.0)), ..rig.bones[0] };
     rig.bones.push(double);
     let mut level = level(1000, true);
@@ -324,7 +325,9 @@ fn a_merged_skin_has_one_joint_per_node() {
     let read = Read::new("merged", &export(&model, &[level], &ExportOptions::default()).expect("exports"));
     assert_eq!(read.json["skins"][1]["joints"], json!([1, 2]));
     assert_eq!(read.floats(&read.attributes(1)["WEIGHTS_0"], 4)[..4], [1.0, 0.0, 0.0, 0.0]);
-    assert_eq!(read.floats(&read.attributes(1)["POSITION"], 3)[3..6], [1.0, 0.25, 0.0]);
+    assert_eq!(read.floats(&read.attributes(1)["POSITION"], 3)[3..6], [2.0, 0.5, 0.0]);
+    let matrices = read.floats(&read.json["skins"][1]["inverseBindMatrices"], 16);
+    assert_eq!((matrices[0], matrices[16], matrices[16 + 13]), (0.5, 0.5, -1.0));
 }
 
 #[test]
