@@ -13,13 +13,13 @@ use crate::model::{
 };
 
 /// JSON and binary chunk of a GLB.
-struct Read {
-    json: Value,
+pub(super) struct Read {
+    pub(super) json: Value,
     bin: Vec<u8>,
 }
 
 impl Read {
-    fn new(name: &str, glb: &[u8]) -> Self {
+    pub(super) fn new(name: &str, glb: &[u8]) -> Self {
         if let Some(dir) = std::env::var_os("SIMPLIGUARD_EXPORT_DIR") {
             std::fs::write(std::path::Path::new(&dir).join(format!("{name}.glb")), glb).expect("writable folder");
         }
@@ -31,7 +31,7 @@ impl Read {
         Self { json, bin }
     }
 
-    fn bytes(&self, accessor: usize, size: usize) -> &[u8] {
+    pub(super) fn bytes(&self, accessor: usize, size: usize) -> &[u8] {
         let accessor = &self.json["accessors"][accessor];
         let view = &self.json["bufferViews"][accessor["bufferView"].as_u64().expect("view") as usize];
         let at = |v: &Value| v.as_u64().unwrap_or(0) as usize;
@@ -40,12 +40,12 @@ impl Read {
         &self.bin[start..start + size * at(&accessor["count"])]
     }
 
-    fn floats(&self, accessor: &Value, width: usize) -> Vec<f32> {
+    pub(super) fn floats(&self, accessor: &Value, width: usize) -> Vec<f32> {
         let bytes = self.bytes(accessor.as_u64().expect("index") as usize, 4 * width);
         bytes.chunks_exact(4).map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]])).collect()
     }
 
-    fn attributes(&self, mesh: usize) -> &Value {
+    pub(super) fn attributes(&self, mesh: usize) -> &Value {
         &self.json["meshes"][mesh]["primitives"][0]["attributes"]
     }
 
