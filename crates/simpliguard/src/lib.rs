@@ -12,6 +12,8 @@
 //! [`Resources`], results are returned as bytes. [`bake`] is the whole chain.
 
 mod bvh;
+mod chain;
+mod clock;
 mod context;
 mod error;
 pub mod gltf;
@@ -28,6 +30,7 @@ pub mod texture;
 pub mod unwrap;
 
 pub use bvh::{Bvh, Hit, barycentric, closest_point};
+pub use chain::{Baked, LevelReport, PIPELINE_VERSION, Report, STAGES, Stage, StageSeconds, Status, bake};
 pub use context::{Cancellation, Context, Progress, ProgressSink};
 pub use error::{Error, StageId};
 pub use source::{NoResources, RelativeUri, Resources, Source};

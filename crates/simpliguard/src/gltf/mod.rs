@@ -1,5 +1,7 @@
 //! glTF in and out.
 
+mod export;
 mod uris;
 
+pub use export::{ExportOptions, export, export_level};
 pub use uris::external_uris;

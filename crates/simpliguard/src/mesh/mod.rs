@@ -4,6 +4,7 @@ mod topology;
 
 use glam::Vec3;
 
+pub(crate) use topology::DisjointSets;
 pub use topology::{EdgeCounts, Topology};
 
 /// Indexed triangles.

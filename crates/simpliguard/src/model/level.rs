@@ -1,7 +1,7 @@
-use glam::{Vec2, Vec3, Vec4};
-use image::{RgbImage, RgbaImage};
+use glam::{Affine2, Vec2, Vec3, Vec4};
+use image::{DynamicImage, RgbImage, RgbaImage};
 
-use super::{AlphaMode, Influences};
+use super::{AlphaMode, Influences, Material, Model, Surface, Texture, TextureRef, Wrap};
 
 /// One finished level of detail.
 #[derive(Clone, Debug)]
@@ -63,4 +63,44 @@ pub struct LevelTextures {
     pub occlusion_roughness_metallic: Option<RgbImage>,
     /// sRGB.
     pub emissive: Option<RgbImage>,
+}
+
+impl Level {
+    /// The level as if it were a source, so that it can be drawn and measured in the same way. Rest pose, without bones.
+    pub fn to_model(&self, name: &str) -> Model {
+        let mesh = &self.mesh;
+        let wrap = [Wrap::Clamp; 2];
+        let mut textures = Vec::new();
+        let mut bind = |image: Option<RgbaImage>, srgb: bool| {
+            let texture = Texture::new(&image?, wrap, srgb);
+            textures.push(texture);
+            Some(TextureRef { texture: textures.len() - 1, uv_set: 0, transform: Affine2::IDENTITY })
+        };
+        let rgba = |image: &Option<RgbImage>| image.clone().map(|i| DynamicImage::ImageRgb8(i).to_rgba8());
+        let rough_metal = bind(rgba(&self.textures.occlusion_roughness_metallic), false);
+        let material = Material {
+            base_color_texture: bind(Some(self.textures.base_color.clone()), true),
+            normal_texture: bind(rgba(&self.textures.normal), false),
+            emissive_texture: bind(rgba(&self.textures.emissive), true),
+            metallic: if rough_metal.is_some() { 1.0 } else { self.material.metallic },
+            roughness: if rough_metal.is_some() { 1.0 } else { self.material.roughness },
+            metallic_roughness_texture: rough_metal,
+            occlusion_texture: rough_metal,
+            emissive: self.material.emissive,
+            alpha_mode: self.material.alpha_mode,
+            double_sided: self.material.double_sided,
+            unlit: self.material.unlit,
+            ..Material::default()
+        };
+        let surface = Surface {
+            positions: mesh.positions.clone(),
+            normals: mesh.normals.clone(),
+            tangents: mesh.tangents.clone(),
+            uvs: [mesh.uvs.clone(), Vec::new()],
+            triangles: mesh.triangles.clone(),
+            material: vec![0; mesh.triangles.len()],
+            ..Surface::default()
+        };
+        Model { surface, materials: vec![material], textures, ..Model::empty(name) }
+    }
 }

@@ -30,6 +30,21 @@ pub struct Model {
     pub notes: Vec<String>,
 }
 
+impl Model {
+    /// A model of that name with nothing in it.
+    pub fn empty(name: &str) -> Self {
+        Self {
+            name: name.to_owned(),
+            surface: Surface::default(),
+            materials: Vec::new(),
+            textures: Vec::new(),
+            rig: None,
+            document: Document::default(),
+            notes: Vec::new(),
+        }
+    }
+}
+
 /// A triangle soup in world space: metres, right-handed, y up, counter-clockwise faces seen from outside.
 ///
 /// All per-vertex arrays have the length of `positions`, except those said to be empty.

@@ -1,1 +1,250 @@
-//! Collapse to a face budget.
+//! Low-poly meshes of exact budgets.
+//!
+//! Several roads lead there: reconstructions at different resolutions, and the source's own triangles, welded and cut
+//! into a manifold. On each, faces that no view reaches go first, then edges collapse by quadric error weighted by how
+//! large each face appears. Every road's result at every budget is scored by rendering it against the source, and the
+//! best is kept: a model that suits plain edge collapse is not made worse by reconstruction.
+//!
+//! The result is a manifold, with boundary only where nothing sees it or where the source has one.
+
+mod candidates;
+mod collapse;
+mod deviation;
+mod quadric;
+mod visibility;
+mod weld;
+
+use glam::Vec3;
+use rayon::prelude::*;
+
+use crate::mesh::TriMesh;
+use crate::model::Model;
+use crate::reconstruct::{self, reconstruct};
+use crate::render::{Frame, View};
+use crate::{Bvh, Context, Error, StageId};
+use collapse::Simplifier;
+
+pub use deviation::{Deviation, deviation};
+
+/// Faces kept, as a multiple of the largest budget, when enclosed faces are looked for.
+const ENCLOSED_AT: usize = 4;
+/// Rings of unseen faces kept around seen ones.
+const RINGS: usize = 2;
+/// A component that deserves fewer faces than this is dropped.
+const NEGLIGIBLE_FACES: f64 = 0.75;
+
+/// How to find the shape.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Params {
+    /// Face budgets, ascending.
+    pub budgets: Vec<u32>,
+    /// Reconstructions to try.
+    pub reconstructions: Vec<reconstruct::Params>,
+    /// Whether to try the source's own triangles.
+    pub source: bool,
+    /// Faces that nothing sees are dropped.
+    pub remove_invisible: bool,
+    /// Part of a face's quadric weight that comes from how large it appears rather than from its area, 0 to 1.
+    pub visible_weight: f64,
+    /// Weight of the curvature constraint (alpha in the paper).
+    pub curvature: f64,
+}
+
+/// Where a shape came from.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Road {
+    /// A reconstruction at this resolution.
+    Reconstruction(reconstruct::Params),
+    /// The source's own triangles.
+    Source,
+}
+
+impl std::fmt::Display for Road {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Reconstruction(p) => write!(f, "reconstruction {} (offset {})", p.resolution, p.offset),
+            Self::Source => f.write_str("source"),
+        }
+    }
+}
+
+/// A mesh within a budget.
+#[derive(Clone, Debug)]
+pub struct Shape {
+    /// World space.
+    pub mesh: TriMesh,
+    /// Back faces are seen too.
+    pub double_sided: bool,
+    /// Where it came from.
+    pub road: Road,
+    /// Error against the source's pictures that no texture removes, mean square per pixel.
+    pub render_error: f64,
+}
+
+/// What shapes are made from and judged by.
+pub struct Inputs<'a> {
+    /// The source.
+    pub model: &'a Model,
+    /// Over the source's triangles.
+    pub bvh: &'a Bvh,
+    /// Around the source.
+    pub frame: Frame,
+    /// The source's pictures.
+    pub views: &'a [View],
+}
+
+/// Finds the best shape for each budget, in their order.
+///
+/// # Errors
+/// If cancelled, or if no road meets a budget.
+pub fn shape(inputs: &Inputs<'_>, params: &Params, context: &Context<'_>) -> Result<Vec<Shape>, Error> {
+    let mut roads: Vec<Road> = params.reconstructions.iter().map(|p| Road::Reconstruction(*p)).collect();
+    if params.source {
+        roads.push(Road::Source);
+    }
+    let mut shapes = walk_all(inputs, params, &roads, context)?;
+    if shapes.iter().any(Option::is_none) {
+        // A coarse, thick reconstruction has few handles to get stuck on.
+        let coarse: Vec<Road> = [96, 64, 32]
+            .map(|n| Road::Reconstruction(reconstruct::Params { offset: 1.5, ..reconstruct::Params::new(n) }))
+            .into();
+        for road in coarse {
+            for (shape, other) in shapes.iter_mut().zip(walk_all(inputs, params, &[road], context)?) {
+                *shape = shape.take().or(other);
+            }
+        }
+    }
+    let found: Option<Vec<Shape>> = shapes.into_iter().collect();
+    found.ok_or_else(|| {
+        Error::invalid(
+            &inputs.model.name,
+            StageId::Shape,
+            format!("no mesh of at most {} faces was found", params.budgets.first().copied().unwrap_or(0)),
+            "raise the smallest budget in `faces`",
+        )
+    })
+}
+
+/// Walks the roads and keeps the best shape within each budget.
+fn walk_all(
+    inputs: &Inputs<'_>,
+    params: &Params,
+    roads: &[Road],
+    context: &Context<'_>,
+) -> Result<Vec<Option<Shape>>, Error> {
+    let walked: Vec<Vec<Shape>> = roads.par_iter().map(|&road| walk(inputs, params, road, context)).collect();
+    context.check(&inputs.model.name)?;
+    let judges: Vec<&View> = inputs.views.iter().step_by(3).collect();
+    let mut best: Vec<Option<Shape>> = params.budgets.iter().map(|_| None).collect();
+    for shapes in walked {
+        for ((best, mut shape), &budget) in best.iter_mut().zip(shapes).zip(&params.budgets) {
+            let faces = shape.mesh.triangles.len();
+            if faces == 0 || faces > budget as usize {
+                continue;
+            }
+            shape.render_error = candidates::render_error(&shape.mesh, shape.double_sided, &judges);
+            tracing::debug!(%shape.road, budget, faces, error = shape.render_error, "candidate");
+            if best.as_ref().is_none_or(|b| shape.render_error < b.render_error) {
+                *best = Some(shape);
+            }
+        }
+    }
+    Ok(best)
+}
+
+/// One shape per budget along a road; empty if cancelled.
+fn walk(inputs: &Inputs<'_>, params: &Params, road: Road, context: &Context<'_>) -> Vec<Shape> {
+    let Dense { mesh, pixels, double_sided } = dense(inputs, params, road);
+    if context.cancellation.is_cancelled() {
+        return Vec::new();
+    }
+    let unit = to_unit_sphere(&mesh, &inputs.frame);
+    let weights = face_weights(&unit, &pixels, params.visible_weight);
+    let mut simplifier = Simplifier::new(&unit, &weights, params.curvature);
+    let largest = params.budgets.last().copied().unwrap_or(0) as usize;
+    if params.remove_invisible {
+        simplifier.drop_negligible_components(largest, NEGLIGIBLE_FACES);
+        simplifier.run(ENCLOSED_AT * largest);
+        let unit_frame = Frame { centre: Vec3::ZERO, radius: 1.0 };
+        simplifier.remove_faces(&visibility::enclosed(&simplifier.mesh(), &unit_frame, double_sided));
+    }
+    let mut shapes = Vec::new();
+    for &budget in params.budgets.iter().rev() {
+        if context.cancellation.is_cancelled() {
+            return Vec::new();
+        }
+        if params.remove_invisible {
+            simplifier.drop_negligible_components(budget as usize, NEGLIGIBLE_FACES);
+        }
+        simplifier.run(budget as usize);
+        let mesh = from_unit_sphere(simplifier.mesh(), &inputs.frame);
+        shapes.push(Shape { mesh, double_sided, road, render_error: f64::INFINITY });
+    }
+    shapes.reverse();
+    shapes
+}
+
+/// A mesh before its collapse, and how many pixels see each face.
+struct Dense {
+    mesh: TriMesh,
+    pixels: Vec<u32>,
+    double_sided: bool,
+}
+
+fn dense(inputs: &Inputs<'_>, params: &Params, road: Road) -> Dense {
+    let surface = &inputs.model.surface;
+    let (mesh, two_sided): (TriMesh, Vec<bool>) = match road {
+        Road::Reconstruction(p) => {
+            let mesh = reconstruct(&surface.positions, &surface.triangles, inputs.bvh, &p);
+            let faces = mesh.triangles.len();
+            (mesh, vec![false; faces])
+        }
+        Road::Source => {
+            let (mesh, source) = weld::weld(&surface.positions, &surface.triangles);
+            let material = |t: &u32| &inputs.model.materials[surface.material[*t as usize] as usize];
+            (mesh, source.iter().map(|t| material(t).double_sided).collect())
+        }
+    };
+    let pixels = visibility::visible_pixels(&mesh, &inputs.frame, &|t| two_sided[t]);
+    let sided = pixels.iter().zip(&two_sided).filter(|(_, two)| **two).map(|(&n, _)| u64::from(n)).sum::<u64>();
+    let double_sided = 2 * sided > pixels.iter().map(|&n| u64::from(n)).sum::<u64>();
+    if !params.remove_invisible || pixels.iter().all(|&n| n == 0) {
+        return Dense { mesh, pixels, double_sided };
+    }
+    let mut seen: Vec<bool> = pixels.iter().map(|&n| n > 0).collect();
+    visibility::grow(&mesh, &mut seen, RINGS);
+    let kept = weld::cut(&mesh.filtered(|t| seen[t]));
+    let pixels = pixels.iter().zip(&seen).filter(|(_, seen)| **seen).map(|(&n, _)| n).collect();
+    Dense { mesh: kept, pixels, double_sided }
+}
+
+fn to_unit_sphere(mesh: &TriMesh, frame: &Frame) -> TriMesh {
+    let positions = mesh.positions.iter().map(|p| (*p - frame.centre) / frame.radius).collect();
+    TriMesh { positions, triangles: mesh.triangles.clone() }
+}
+
+fn from_unit_sphere(mesh: TriMesh, frame: &Frame) -> TriMesh {
+    let positions = mesh.positions.iter().map(|p| *p * frame.radius + frame.centre).collect();
+    TriMesh { positions, triangles: mesh.triangles }
+}
+
+/// Area of each face, scaled by how many pixels see its surroundings per area, in the mean one.
+fn face_weights(mesh: &TriMesh, pixels: &[u32], visible: f64) -> Vec<f64> {
+    let areas: Vec<f64> = (0..mesh.triangles.len()).map(|t| 0.5 * f64::from(mesh.area_vector(t).length())).collect();
+    let area: f64 = areas.iter().sum();
+    let total: f64 = pixels.iter().map(|&n| f64::from(n)).sum();
+    if total == 0.0 || area == 0.0 {
+        return areas;
+    }
+    // Pixels and area around each vertex: a face between two pixels is not weightless.
+    let mut around = vec![(0.0, 0.0); mesh.positions.len()];
+    for (t, triangle) in mesh.triangles.iter().enumerate() {
+        for &v in triangle {
+            around[v as usize].0 += f64::from(pixels[t]) / total;
+            around[v as usize].1 += areas[t] / area;
+        }
+    }
+    let density = |v: u32| around[v as usize].0 / around[v as usize].1.max(1e-12);
+    let mean = |t: &[u32; 3]| t.iter().map(|&v| density(v)).sum::<f64>() / 3.0;
+    mesh.triangles.iter().zip(&areas).map(|(t, &a)| a * ((1.0 - visible) + visible * mean(t))).collect()
+}

@@ -1,1 +1,17 @@
-//! Level textures.
+//! Textures of a level.
+//!
+//! Each texel of the atlas stands for a point of the level. A ray along the level's normal finds what the source shows
+//! there ([`bake`]); this is the initial texture (in place of the paper's 3.3 splatting it also reaches what no view
+//! sees), and after the last vertex step the source of the normal, occlusion-roughness-metallic and emissive maps.
+//! Gutters around the charts are filled by dilation.
+
+mod atlas;
+mod bake;
+mod maps;
+
+pub use atlas::{Texel, dilate, texel_map};
+pub use bake::bake;
+pub use maps::{Channels, Varying, level_material, level_mesh, maps};
+
+/// Rings of texels filled around each chart.
+pub const GUTTER_STEPS: usize = 8;

@@ -1,1 +1,141 @@
 //! Texture coordinates of a level.
+//!
+//! Charts are grown by normals ([`cluster`]; Garland et al. 2001, Cohen-Steiner et al. 2004), laid flat by least squares
+//! conformal maps ([`lscm`]; Levy et al. 2002), split where that fails ([`split`]), joined where it succeeds for two
+//! at once ([`join`]) and placed on the texel grid ([`pack`]). The result has no flipped face and no overlap for any
+//! input: edges that are not manifold are cut, faces without area are fattened, and a single face can always be laid
+//! flat.
+//!
+//! Limits: a closed or ring-shaped part is cut into at least two charts; faces below a ten-thousandth of the atlas side
+//! are enlarged. Where an atlas is so small that the charts' gutters leave no room, gutters shrink to nothing.
+
+mod bitmap;
+mod chart;
+mod cluster;
+mod hull;
+mod join;
+mod lscm;
+mod pack;
+mod quality;
+mod raster;
+mod solver;
+mod split;
+mod surface;
+#[cfg(test)]
+mod tests;
+
+use glam::{DVec2, Vec2};
+use rayon::prelude::*;
+
+use crate::mesh::TriMesh;
+use chart::FlatChart;
+use pack::Layout;
+use quality::Limits;
+use surface::{Surface, doubled_area};
+
+pub use raster::{flips, overlaps};
+
+/// Stretch above which a chart is split.
+const SPLIT_STRETCH: f64 = 1.3;
+
+/// Stretch up to which two charts are joined.
+const JOIN_STRETCH: f64 = 1.12;
+
+/// Least height of a face in the atlas as a fraction of the atlas side: some hundred steps of `f32`.
+const LEAST_HEIGHT: f64 = 1e-5;
+
+/// Size and spacing of an atlas.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct UnwrapParams {
+    /// Side of the square atlas in texels; at least 1.
+    pub size: u32,
+    /// Least number of uncovered texels between two charts. Half of it, rounded up, is kept to the border, so that
+    /// charts stay as far apart across a repeating border.
+    pub gutter: u32,
+}
+
+impl Default for UnwrapParams {
+    fn default() -> Self {
+        Self { size: 1024, gutter: 4 }
+    }
+}
+
+/// Texture coordinates of every face of a mesh.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Atlas {
+    /// Coordinates of the corners of each face in `[0, 1]`, origin at the top left; texel `x` has its centre at
+    /// `(x + 0.5) / size`. Every face has positive signed area as `(u, v)` numbers.
+    pub uvs: Vec<[Vec2; 3]>,
+    /// Chart of each face, from 0. Within a chart, corners at one vertex of the chart have equal coordinates.
+    pub chart: Vec<u32>,
+    /// Number of charts.
+    pub charts: usize,
+    /// Part of all texels whose centre is covered by a face.
+    pub fill: f32,
+    /// Area-weighted L2 stretch (Sander et al. 2001) relative to each chart's mean density; 1 = isometric.
+    pub stretch: f32,
+    /// Texels per unit of length where the importance is 1.
+    pub texels_per_unit: f32,
+}
+
+/// Gives every face of `mesh` its own place in a square texture.
+///
+/// `importance` is the relative linear texel density of each face (1 = normal, clamped to `1/16..=16`); a chart gets the
+/// mean of its faces. It never fails: degenerate faces, non-manifold edges and pinched vertices are allowed, and a
+/// chart too small for a texel is enlarged to one. An empty mesh gives an empty atlas. Equal inputs give equal bytes
+/// for any number of threads.
+pub fn unwrap(mesh: &TriMesh, importance: Option<&[f32]>, params: &UnwrapParams) -> Atlas {
+    let surface = Surface::new(mesh, importance);
+    let split_limits = Limits { stretch: SPLIT_STRETCH };
+    let charts: Vec<Vec<FlatChart>> = cluster::cluster(&surface)
+        .into_par_iter()
+        .map(|faces| split::flatten(&surface, faces, &split_limits))
+        .collect();
+    let mut charts = join::join(&surface, charts.into_iter().flatten().collect(), &Limits { stretch: JOIN_STRETCH });
+    loop {
+        charts.sort_by_key(|c| c.chart.faces[0]);
+        let layout = pack::pack(&surface, &charts, params);
+        let (sound, collapsed): (Vec<_>, Vec<_>) = charts
+            .into_iter()
+            .zip(&layout.uv)
+            .partition(|(c, uv)| c.chart.faces.len() == 1 || survives_rounding(c, uv));
+        charts = sound.into_iter().map(|(c, _)| c).collect();
+        if collapsed.is_empty() {
+            return atlas(&surface, &charts, &layout, params);
+        }
+        for face in collapsed.iter().flat_map(|(c, _)| &c.chart.faces) {
+            charts.extend(split::flatten(&surface, vec![*face], &split_limits));
+        }
+    }
+}
+
+/// Whether every face keeps its orientation when its corners are rounded to `f32`.
+fn survives_rounding(flat: &FlatChart, uv: &[DVec2]) -> bool {
+    (0..flat.chart.faces.len()).all(|i| {
+        let t = flat.chart.triangle(uv, i).map(|p| p.as_vec2().as_dvec2());
+        let longest = (0..3).map(|k| t[k].distance(t[(k + 1) % 3])).fold(0.0, f64::max);
+        doubled_area(&t) > LEAST_HEIGHT * longest
+    })
+}
+
+fn atlas(surface: &Surface, charts: &[FlatChart], layout: &Layout, params: &UnwrapParams) -> Atlas {
+    let mut uvs = vec![[Vec2::ZERO; 3]; surface.faces()];
+    let mut chart = vec![0; surface.faces()];
+    let (mut energy, mut area) = (0.0, 0.0);
+    for (c, (flat, uv)) in charts.iter().zip(&layout.uv).enumerate() {
+        energy += quality::stretch_energy(surface, &flat.chart, &flat.uv);
+        for (i, &f) in flat.chart.faces.iter().enumerate() {
+            uvs[f as usize] = flat.chart.triangle(uv, i).map(|p| p.as_vec2().clamp(Vec2::ZERO, Vec2::ONE));
+            chart[f as usize] = c as u32;
+            area += surface.area[f as usize];
+        }
+    }
+    Atlas {
+        fill: raster::fill(&uvs, params.size.max(1)),
+        uvs,
+        chart,
+        charts: charts.len(),
+        stretch: if area > 0.0 { (energy / area).sqrt() as f32 } else { 1.0 },
+        texels_per_unit: (layout.density * f64::from(params.size.max(1)) * surface.units) as f32,
+    }
+}

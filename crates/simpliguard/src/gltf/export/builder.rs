@@ -1,0 +1,220 @@
+//! A glTF under construction: its JSON and its one binary chunk.
+
+use serde_json::{Map, Value, json};
+
+use super::fault;
+use crate::{Error, StageId};
+
+/// Largest binary glTF: its length field has 32 bits.
+const MAX_BYTES: u64 = u32::MAX as u64;
+
+/// What a buffer view is bound to.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub(super) enum Target {
+    Vertices,
+    Indices,
+    /// Images, animation and skin data.
+    None,
+}
+
+/// The top-level arrays of a glTF that other objects refer to by index.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Kind {
+    Scene,
+    Node,
+    Mesh,
+    Skin,
+    Camera,
+    Animation,
+    Material,
+    Texture,
+    Sampler,
+    Image,
+    Accessor,
+    BufferView,
+}
+
+impl Kind {
+    pub(super) const ALL: [Self; 12] = [
+        Self::Scene,
+        Self::Node,
+        Self::Mesh,
+        Self::Skin,
+        Self::Camera,
+        Self::Animation,
+        Self::Material,
+        Self::Texture,
+        Self::Sampler,
+        Self::Image,
+        Self::Accessor,
+        Self::BufferView,
+    ];
+
+    pub(super) fn key(self) -> &'static str {
+        match self {
+            Self::Scene => "scenes",
+            Self::Node => "nodes",
+            Self::Mesh => "meshes",
+            Self::Skin => "skins",
+            Self::Camera => "cameras",
+            Self::Animation => "animations",
+            Self::Material => "materials",
+            Self::Texture => "textures",
+            Self::Sampler => "samplers",
+            Self::Image => "images",
+            Self::Accessor => "accessors",
+            Self::BufferView => "bufferViews",
+        }
+    }
+}
+
+/// JSON and binary chunk of a glTF whose data all lies in buffer 0.
+pub(super) struct Builder {
+    /// Name of the asset, for messages.
+    pub(super) asset: String,
+    /// The document; `buffers[0]` is written by [`Self::into_glb`].
+    pub(super) json: Map<String, Value>,
+    /// Buffers without data that follow buffer 0 (`EXT_meshopt_compression` fallbacks).
+    pub(super) fallback_buffers: Vec<Value>,
+    /// Contents of buffer 0.
+    pub(super) bin: Vec<u8>,
+}
+
+impl Builder {
+    /// All objects of a kind.
+    pub(super) fn all(&self, kind: Kind) -> &[Value] {
+        self.json.get(kind.key()).and_then(Value::as_array).map_or(&[], Vec::as_slice)
+    }
+
+    /// All objects of a kind; the array is made if it is missing.
+    pub(super) fn all_mut(&mut self, kind: Kind) -> &mut Vec<Value> {
+        let slot = self.json.entry(kind.key()).or_insert_with(|| json!([]));
+        if !slot.is_array() {
+            *slot = json!([]);
+        }
+        slot.as_array_mut().expect("made an array above")
+    }
+
+    /// Appends an object and returns its index.
+    pub(super) fn push(&mut self, kind: Kind, object: Value) -> usize {
+        let all = self.all_mut(kind);
+        all.push(object);
+        all.len() - 1
+    }
+
+    /// Appends a buffer view at a 4-byte boundary.
+    pub(super) fn push_view(&mut self, bytes: &[u8], target: Target) -> usize {
+        let offset = append_aligned(&mut self.bin, bytes);
+        let mut view = json!({ "buffer": 0, "byteOffset": offset, "byteLength": bytes.len() });
+        match target {
+            Target::Vertices => view["target"] = json!(34962),
+            Target::Indices => view["target"] = json!(34963),
+            Target::None => {}
+        }
+        self.push(Kind::BufferView, view)
+    }
+
+    /// Appends an accessor of tightly packed elements with a buffer view of its own.
+    pub(super) fn push_accessor<T: bytemuck::NoUninit>(
+        &mut self,
+        elements: &[T],
+        component: Component,
+        shape: &str,
+        target: Target,
+    ) -> usize {
+        let view = self.push_view(bytemuck::cast_slice(elements), target);
+        let accessor =
+            json!({ "bufferView": view, "componentType": component as u32, "count": elements.len(), "type": shape });
+        self.push(Kind::Accessor, accessor)
+    }
+
+    /// Declares an extension as used, once.
+    pub(super) fn use_extension(&mut self, name: &str) {
+        let used = self.json.entry("extensionsUsed").or_insert_with(|| json!([]));
+        if let Some(used) = used.as_array_mut()
+            && !used.iter().any(|u| u == name)
+        {
+            used.push(json!(name));
+        }
+    }
+
+    /// Index of the default scene.
+    pub(super) fn default_scene(&self) -> usize {
+        self.json.get("scene").and_then(Value::as_u64).unwrap_or(0) as usize
+    }
+
+    /// The binary glTF.
+    pub(super) fn into_glb(mut self) -> Result<Vec<u8>, Error> {
+        let mut buffers = std::mem::take(&mut self.fallback_buffers);
+        if !self.bin.is_empty() {
+            buffers.insert(0, json!({ "byteLength": self.bin.len() }));
+        }
+        self.json.remove("buffers");
+        if !buffers.is_empty() {
+            self.json.insert("buffers".into(), Value::Array(buffers));
+        }
+        self.json.retain(|_, value| !matches!(value, Value::Array(all) if all.is_empty()));
+        let mut json = serde_json::to_vec(&self.json)
+            .map_err(|e| fault(&self.asset, format!("the JSON cannot be written: {e}")))?;
+        json.resize(json.len().next_multiple_of(4), b' ');
+        self.bin.resize(self.bin.len().next_multiple_of(4), 0);
+        let mut chunks = vec![(*b"JSON", json)];
+        if !self.bin.is_empty() {
+            chunks.push((*b"BIN\0", self.bin));
+        }
+        let total = 12 + chunks.iter().map(|(_, data)| 8 + data.len()).sum::<usize>();
+        if total as u64 > MAX_BYTES {
+            return Err(Error::Limit {
+                asset: self.asset,
+                stage: StageId::Export,
+                what: "size of the binary glTF in bytes".into(),
+                found: total as u64,
+                limit: MAX_BYTES,
+            });
+        }
+        let mut glb = Vec::with_capacity(total);
+        glb.extend_from_slice(b"glTF");
+        glb.extend_from_slice(&2u32.to_le_bytes());
+        glb.extend_from_slice(&(total as u32).to_le_bytes());
+        for (kind, data) in chunks {
+            glb.extend_from_slice(&(data.len() as u32).to_le_bytes());
+            glb.extend_from_slice(&kind);
+            glb.extend_from_slice(&data);
+        }
+        Ok(glb)
+    }
+}
+
+/// glTF component types.
+#[derive(Clone, Copy)]
+#[repr(u32)]
+pub(super) enum Component {
+    U8 = 5121,
+    U16 = 5123,
+    U32 = 5125,
+    F32 = 5126,
+}
+
+/// Appends `bytes` at the next multiple of four and returns where.
+pub(super) fn append_aligned(bin: &mut Vec<u8>, bytes: &[u8]) -> usize {
+    let offset = bin.len().next_multiple_of(4);
+    bin.resize(offset, 0);
+    bin.extend_from_slice(bytes);
+    offset
+}
+
+/// A non-negative integer member of a JSON object.
+pub(super) fn index(object: &Value, key: &str) -> Option<usize> {
+    object.get(key).and_then(Value::as_u64).and_then(|i| usize::try_from(i).ok())
+}
+
+/// The indices in an array member of a JSON object.
+pub(super) fn indices<'a>(object: &'a Value, key: &str) -> impl Iterator<Item = usize> + use<'a> {
+    let all = object.get(key).and_then(Value::as_array).map_or(&[][..], Vec::as_slice);
+    all.iter().filter_map(Value::as_u64).filter_map(|i| usize::try_from(i).ok())
+}
+
+/// A factor, spelled as shortly as the `f32` allows.
+pub(super) fn number(x: f32) -> Value {
+    x.to_string().parse::<f64>().map_or(Value::Null, Value::from)
+}

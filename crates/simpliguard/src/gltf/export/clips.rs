@@ -1,0 +1,91 @@
+//! Animations of a file whose source meshes were left out.
+
+use serde_json::{Value, json};
+
+use super::builder::{Builder, Component, Kind, Target, index};
+
+/// Drops the channels that have lost their target: morph weights of nodes for which `keeps_mesh` does not hold, and
+/// pointers into the document, whose indices have moved. A clip that is left with no channel keeps its place and
+/// length by holding `still_node` where it is, as glTF allows no empty clip.
+pub(super) fn drop_lost_channels(out: &mut Builder, keeps_mesh: impl Fn(usize) -> bool, still_node: usize) {
+    for clip in 0..out.all(Kind::Animation).len() {
+        let animation = &out.all(Kind::Animation)[clip];
+        let channels = animation.get("channels").and_then(Value::as_array).cloned().unwrap_or_default();
+        let kept: Vec<Value> = channels.iter().filter(|c| keeps_target(c, &keeps_mesh)).cloned().collect();
+        if kept.len() == channels.len() {
+            continue;
+        }
+        let (channels, samplers) = if kept.is_empty() {
+            let duration = duration(out, &out.all(Kind::Animation)[clip]);
+            (vec![still_channel(still_node)], vec![still_sampler(out, duration)])
+        } else {
+            used_samplers(&out.all(Kind::Animation)[clip], kept)
+        };
+        let animation = &mut out.all_mut(Kind::Animation)[clip];
+        if let Some(animation) = animation.as_object_mut() {
+            animation.insert("channels".into(), Value::Array(channels));
+            animation.insert("samplers".into(), Value::Array(samplers));
+        }
+    }
+}
+
+/// Whether any clip moves anything.
+pub(super) fn any(out: &Builder) -> bool {
+    !out.all(Kind::Animation).is_empty()
+}
+
+/// The nodes whose transform some clip moves.
+pub(super) fn moved_nodes(out: &Builder) -> Vec<usize> {
+    let channels = out.all(Kind::Animation).iter().filter_map(|a| a.get("channels")?.as_array()).flatten();
+    channels.filter(|c| keeps_target(c, &|_| false)).filter_map(|c| index(c.get("target")?, "node")).collect()
+}
+
+fn keeps_target(channel: &Value, keeps_mesh: &impl Fn(usize) -> bool) -> bool {
+    let target = channel.get("target").unwrap_or(&Value::Null);
+    match target.get("path").and_then(Value::as_str) {
+        Some("weights") => index(target, "node").is_some_and(keeps_mesh),
+        Some("pointer") => false,
+        _ => true,
+    }
+}
+
+/// The samplers that `channels` use, and the channels pointing at their new places.
+fn used_samplers(animation: &Value, mut channels: Vec<Value>) -> (Vec<Value>, Vec<Value>) {
+    let all = animation.get("samplers").and_then(Value::as_array).cloned().unwrap_or_default();
+    let mut place = vec![None; all.len()];
+    let mut samplers = Vec::new();
+    for channel in &mut channels {
+        let Some(sampler) = index(channel, "sampler").filter(|&s| s < all.len()) else { continue };
+        let at = *place[sampler].get_or_insert_with(|| {
+            samplers.push(all[sampler].clone());
+            samplers.len() - 1
+        });
+        channel["sampler"] = json!(at);
+    }
+    (channels, samplers)
+}
+
+/// Last key of a clip in seconds.
+fn duration(out: &Builder, animation: &Value) -> f64 {
+    let samplers = animation.get("samplers").and_then(Value::as_array).map_or(&[][..], Vec::as_slice);
+    samplers
+        .iter()
+        .filter_map(|s| out.all(Kind::Accessor).get(index(s, "input")?)?.get("max")?.get(0)?.as_f64())
+        .fold(0.0, f64::max)
+}
+
+fn still_channel(node: usize) -> Value {
+    json!({ "sampler": 0, "target": { "node": node, "path": "translation" } })
+}
+
+fn still_sampler(out: &mut Builder, duration: f64) -> Value {
+    let end = duration as f32;
+    let times: &[f32] = if end > 0.0 { &[0.0, end] } else { &[0.0] };
+    let input = out.push_accessor(times, Component::F32, "SCALAR", Target::None);
+    let bounds = &mut out.all_mut(Kind::Accessor)[input];
+    bounds["min"] = json!([0.0]);
+    bounds["max"] = json!([times[times.len() - 1]]);
+    let values = vec![[0f32; 3]; times.len()];
+    let output = out.push_accessor(&values, Component::F32, "VEC3", Target::None);
+    json!({ "input": input, "output": output, "interpolation": "STEP" })
+}

@@ -1,0 +1,191 @@
+//! Node trees: the roots of scenes, their copies for levels alone, and where `MSFT_lod` stands.
+
+use serde_json::{Value, json};
+
+use super::builder::{Builder, Kind, indices};
+
+/// Transform properties of a node; everything else is what it carries.
+const TRANSFORM: [&str; 4] = ["matrix", "translation", "rotation", "scale"];
+
+/// The root nodes of a scene.
+pub(super) fn scene_roots(out: &Builder, scene: usize) -> Vec<usize> {
+    let nodes = out.all(Kind::Node).len();
+    out.all(Kind::Scene).get(scene).map_or_else(Vec::new, |s| indices(s, "nodes").filter(|&n| n < nodes).collect())
+}
+
+/// The nodes under `roots` with them, parents before children, each once.
+pub(super) fn descendants(out: &Builder, roots: &[usize]) -> Vec<usize> {
+    let nodes = out.all(Kind::Node);
+    let mut seen = vec![false; nodes.len()];
+    let mut stack: Vec<usize> = roots.iter().rev().copied().collect();
+    let mut order = Vec::new();
+    while let Some(node) = stack.pop() {
+        if node >= nodes.len() || std::mem::replace(&mut seen[node], true) {
+            continue;
+        }
+        order.push(node);
+        let children: Vec<usize> = indices(&nodes[node], "children").collect();
+        stack.extend(children.into_iter().rev());
+    }
+    order
+}
+
+/// Which of `order` (parents first) stay once nodes carry nothing any more: those `needed`, their ancestors, and those
+/// that never carried anything, such as attachment points. What is left out are leaves made to hold a mesh, camera or
+/// light.
+pub(super) fn without_bare_leaves(out: &Builder, order: &[usize], needed: impl Fn(usize) -> bool) -> Vec<bool> {
+    let nodes = out.all(Kind::Node);
+    let mut kept = vec![false; nodes.len()];
+    for &node in order.iter().rev() {
+        let carries = ["mesh", "camera", "extensions"].iter().any(|key| nodes[node].get(key).is_some());
+        kept[node] = needed(node)
+            || !carries
+            || indices(&nodes[node], "children").any(|c| kept.get(c).copied().unwrap_or(false));
+    }
+    kept
+}
+
+/// A copy of the trees under `roots`, with names, transforms and nothing else; `suffix` keeps the names apart from
+/// the source's. Returns the copied roots and the copy of each node.
+pub(super) fn copy_trees(
+    out: &mut Builder,
+    roots: &[usize],
+    suffix: &str,
+    is_joint: impl Fn(usize) -> bool,
+) -> (Vec<usize>, Vec<Option<usize>>) {
+    let order = descendants(out, roots);
+    let kept = without_bare_leaves(out, &order, is_joint);
+    let first = out.all(Kind::Node).len();
+    let mut copy_of = vec![None; first];
+    for (i, &node) in order.iter().filter(|&&n| kept[n]).enumerate() {
+        copy_of[node] = Some(first + i);
+    }
+    for &node in order.iter().filter(|&&n| kept[n]) {
+        let source = &out.all(Kind::Node)[node];
+        let mut copy = json!({});
+        if let Some(name) = source.get("name").and_then(Value::as_str) {
+            copy["name"] = json!(format!("{name}{suffix}"));
+        }
+        for key in TRANSFORM {
+            if let Some(value) = source.get(key) {
+                copy[key] = value.clone();
+            }
+        }
+        let children: Vec<usize> =
+            indices(source, "children").filter_map(|c| copy_of.get(c).copied().flatten()).collect();
+        if !children.is_empty() {
+            copy["children"] = json!(children);
+        }
+        out.push(Kind::Node, copy);
+    }
+    (roots.iter().filter_map(|&r| copy_of.get(r).copied().flatten()).collect(), copy_of)
+}
+
+/// `roots`, and the roots over those of `nodes` that are not under them.
+pub(super) fn with_roots_of(out: &Builder, mut roots: Vec<usize>, nodes: &[usize]) -> Vec<usize> {
+    let all = out.all(Kind::Node);
+    let mut parent = vec![None; all.len()];
+    for (p, node) in all.iter().enumerate() {
+        for child in indices(node, "children").filter(|&c| c < all.len()) {
+            parent[child] = Some(p);
+        }
+    }
+    for &node in nodes.iter().filter(|&&n| n < all.len()) {
+        let mut root = node;
+        // At most as many steps as there are nodes, should the parents run in a circle.
+        for _ in 0..all.len() {
+            let Some(above) = parent[root] else { break };
+            root = above;
+        }
+        if !roots.contains(&root) {
+            roots.push(root);
+        }
+    }
+    roots
+}
+
+/// Whether one of `roots` has all of `joints` under it, as glTF asks of a skin.
+pub(super) fn have_common_root(out: &Builder, roots: &[usize], joints: &[usize]) -> bool {
+    roots.iter().any(|&root| {
+        let mut under = vec![false; out.all(Kind::Node).len()];
+        descendants(out, &[root]).into_iter().for_each(|n| under[n] = true);
+        joints.iter().all(|&j| under.get(j).copied().unwrap_or(false))
+    })
+}
+
+/// Puts the roots of a scene under one new node, for a skin whose joints lie under several of them. Other scenes that
+/// hold all these roots follow; if one holds only some of them, nothing changes, since a scene's nodes must be roots.
+pub(super) fn join_roots(out: &mut Builder, scene: usize) {
+    let roots = scene_roots(out, scene);
+    let holds = |s: &Value| roots.iter().filter(|&&r| indices(s, "nodes").any(|n| n == r)).count();
+    if roots.is_empty() || out.all(Kind::Scene).iter().any(|s| !matches!(holds(s), n if n == 0 || n == roots.len())) {
+        return;
+    }
+    let joined = out.push(Kind::Node, json!({ "name": "root", "children": roots }));
+    for scene in out.all_mut(Kind::Scene) {
+        let mut nodes: Vec<usize> = indices(scene, "nodes").collect();
+        let Some(at) = nodes.iter().position(|n| roots.contains(n)) else { continue };
+        nodes[at] = joined;
+        nodes.retain(|n| !roots.contains(n));
+        scene["nodes"] = json!(nodes);
+    }
+}
+
+/// Removes `MSFT_lod` from every node and material, and the screen coverages that went with it. Returns the nodes it
+/// named.
+pub(super) fn remove_lods(out: &mut Builder) -> Vec<usize> {
+    let mut named = Vec::new();
+    for kind in [Kind::Node, Kind::Material] {
+        for object in out.all_mut(kind) {
+            let Some(extensions) = object.get_mut("extensions").and_then(Value::as_object_mut) else { continue };
+            let Some(lod) = extensions.remove("MSFT_lod") else { continue };
+            if kind == Kind::Node {
+                named.extend(indices(&lod, "ids"));
+            }
+            let is_empty = extensions.is_empty();
+            let Some(object) = object.as_object_mut() else { continue };
+            if is_empty {
+                object.remove("extensions");
+            }
+            if let Some(extras) = object.get_mut("extras").and_then(Value::as_object_mut) {
+                extras.remove("MSFT_screencoverage");
+                if extras.is_empty() {
+                    object.remove("extras");
+                }
+            }
+        }
+    }
+    if let Some(used) = out.json.get_mut("extensionsUsed").and_then(Value::as_array_mut) {
+        used.retain(|name| name != "MSFT_lod");
+    }
+    named
+}
+
+/// Sets `MSFT_lod` on the only root of the default scene, else on its first root with a mesh under it.
+pub(super) fn place_lods(out: &mut Builder, mesh_nodes: &[usize], ids: &[usize]) {
+    let roots = scene_roots(out, out.default_scene());
+    let has_mesh = |&root: &usize| descendants(out, &[root]).iter().any(|n| mesh_nodes.contains(n));
+    let holder = match roots[..] {
+        [only] => Some(only),
+        _ => roots.iter().copied().find(has_mesh),
+    };
+    let Some(node) = holder.and_then(|h| out.all_mut(Kind::Node).get_mut(h)).and_then(Value::as_object_mut) else {
+        return;
+    };
+    if let Some(extensions) = node.entry("extensions").or_insert_with(|| json!({})).as_object_mut() {
+        extensions.insert("MSFT_lod".into(), json!({ "ids": ids }));
+        out.use_extension("MSFT_lod");
+    }
+}
+
+/// Takes mesh, skin and morph weights from nodes.
+pub(super) fn remove_meshes(out: &mut Builder, nodes: &[usize]) {
+    let all = out.all_mut(Kind::Node);
+    for &node in nodes {
+        if let Some(node) = all.get_mut(node).and_then(Value::as_object_mut) {
+            for key in ["mesh", "skin", "weights"] {
+                node.remove(key);
+            }
+        }
+    }
+}

@@ -1,0 +1,271 @@
+//! One level as glTF: mesh, material and textures.
+
+use std::io::Cursor;
+
+use glam::{Vec2, Vec3, Vec4};
+use image::codecs::png::{CompressionType, FilterType, PngEncoder};
+use image::{ExtendedColorType, ImageEncoder, RgbImage, RgbaImage};
+use serde_json::{Map, Value, json};
+
+use super::builder::{Builder, Component, Kind, Target, number};
+use super::skin::{Binding, check_influences};
+use super::{fault, vertex_order};
+use crate::Error;
+use crate::model::{AlphaMode, Influences, Level, LevelMaterial, Model};
+
+/// Vertex counts up to this have 16-bit indices; 65,535 itself is a primitive restart.
+const MAX_SHORT_INDEXED: usize = 65_535;
+
+/// A level ready to be appended: the work that can run beside other levels is done.
+pub(super) struct EncodedLevel {
+    vertices: Vertices,
+    triangles: Vec<[u32; 3]>,
+    material: LevelMaterial,
+    base_color: Vec<u8>,
+    normal: Option<Vec<u8>>,
+    occlusion_roughness_metallic: Option<Vec<u8>>,
+    emissive: Option<Vec<u8>>,
+}
+
+/// Vertices as they are written: bind space if skinned, else world space.
+struct Vertices {
+    positions: Vec<Vec3>,
+    normals: Vec<Vec3>,
+    tangents: Vec<Vec4>,
+    uvs: Vec<Vec2>,
+    influences: Vec<Influences>,
+}
+
+impl EncodedLevel {
+    /// Orders vertices and triangles, binds them and encodes the textures.
+    pub(super) fn new(model: &Model, level: &Level, binding: Option<&Binding>) -> Result<Self, Error> {
+        check(model, level)?;
+        let mesh = &level.mesh;
+        let skinned = binding.filter(|_| !mesh.influences.is_empty()).map(|b| b.bind(mesh));
+        let uvs = mesh.uvs.clone();
+        let mut vertices = match skinned {
+            Some(bound) => Vertices {
+                positions: bound.positions,
+                normals: bound.normals,
+                tangents: bound.tangents,
+                uvs,
+                influences: bound.influences,
+            },
+            None => Vertices {
+                positions: mesh.positions.clone(),
+                normals: mesh.normals.iter().map(|n| n.normalize_or(Vec3::Y)).collect(),
+                tangents: mesh.tangents.iter().map(|t| t.truncate().normalize_or(Vec3::X).extend(t.w)).collect(),
+                uvs,
+                influences: Vec::new(),
+            },
+        };
+        for tangent in &mut vertices.tangents {
+            tangent.w = if tangent.w < 0.0 { -1.0 } else { 1.0 };
+        }
+        let (triangles, order) = vertex_order::optimized(&mesh.triangles, mesh.positions.len());
+        let textures = &level.textures;
+        let png = |image: &RgbImage| png(model, image, image.width(), image.height(), ExtendedColorType::Rgb8);
+        Ok(Self {
+            vertices: vertices.reordered(&order),
+            triangles,
+            material: level.material.clone(),
+            base_color: base_color_png(model, &textures.base_color, level.material.alpha_mode)?,
+            normal: textures.normal.as_ref().map(png).transpose()?,
+            occlusion_roughness_metallic: textures.occlusion_roughness_metallic.as_ref().map(png).transpose()?,
+            emissive: textures.emissive.as_ref().map(png).transpose()?,
+        })
+    }
+
+    /// Whether its vertices hang on joints.
+    pub(super) fn is_skinned(&self) -> bool {
+        !self.vertices.influences.is_empty()
+    }
+
+    /// Appends textures, material and mesh; returns the mesh.
+    pub(super) fn write(&self, out: &mut Builder, name: &str, sampler: usize) -> usize {
+        let material = self.write_material(out, name, sampler);
+        let attributes = self.vertices.write(out);
+        let vertices = self.vertices.positions.len();
+        let indices = if vertices <= MAX_SHORT_INDEXED {
+            let short: Vec<u16> = self.triangles.iter().flatten().map(|&i| i as u16).collect();
+            out.push_accessor(&short, Component::U16, "SCALAR", Target::Indices)
+        } else {
+            out.push_accessor(self.triangles.as_flattened(), Component::U32, "SCALAR", Target::Indices)
+        };
+        let primitive = json!({ "attributes": attributes, "indices": indices, "material": material });
+        out.push(Kind::Mesh, json!({ "name": name, "primitives": [primitive] }))
+    }
+
+    fn write_material(&self, out: &mut Builder, name: &str, sampler: usize) -> usize {
+        let mut texture = |png: &Vec<u8>| {
+            let view = out.push_view(png, Target::None);
+            let image = out.push(Kind::Image, json!({ "bufferView": view, "mimeType": "image/png" }));
+            out.push(Kind::Texture, json!({ "source": image, "sampler": sampler }))
+        };
+        let base_color = texture(&self.base_color);
+        let [normal, packed, emissive] =
+            [&self.normal, &self.occlusion_roughness_metallic, &self.emissive].map(|t| t.as_ref().map(&mut texture));
+        let source = &self.material;
+        let (metallic, roughness) = if packed.is_some() { (1.0, 1.0) } else { (source.metallic, source.roughness) };
+        let mut material = json!({
+            "name": name,
+            "pbrMetallicRoughness": {
+                "baseColorTexture": { "index": base_color },
+                "metallicFactor": number(metallic),
+                "roughnessFactor": number(roughness),
+            },
+        });
+        if let Some(index) = packed {
+            material["pbrMetallicRoughness"]["metallicRoughnessTexture"] = json!({ "index": index });
+            material["occlusionTexture"] = json!({ "index": index });
+        }
+        if let Some(index) = normal {
+            material["normalTexture"] = json!({ "index": index });
+        }
+        if source.double_sided {
+            material["doubleSided"] = json!(true);
+        }
+        match source.alpha_mode {
+            AlphaMode::Opaque => {}
+            AlphaMode::Mask { cutoff } => {
+                material["alphaMode"] = json!("MASK");
+                material["alphaCutoff"] = number(cutoff);
+            }
+            AlphaMode::Blend => material["alphaMode"] = json!("BLEND"),
+        }
+        let mut extensions = Map::new();
+        if source.unlit {
+            extensions.insert("KHR_materials_unlit".into(), json!({}));
+        }
+        let strongest = source.emissive.max_element();
+        if strongest > 0.0 {
+            // Factors end at one: what is above becomes the strength.
+            let strength = strongest.max(1.0);
+            material["emissiveFactor"] = (source.emissive / strength).to_array().map(number).into_iter().collect();
+            if strength > 1.0 {
+                let strength = json!({ "emissiveStrength": number(strength) });
+                extensions.insert("KHR_materials_emissive_strength".into(), strength);
+            }
+            if let Some(index) = emissive {
+                material["emissiveTexture"] = json!({ "index": index });
+            }
+        }
+        if !extensions.is_empty() {
+            extensions.keys().for_each(|name| out.use_extension(name));
+            material["extensions"] = Value::Object(extensions);
+        }
+        out.push(Kind::Material, material)
+    }
+}
+
+impl Vertices {
+    /// The vertices `order` names, in its order.
+    fn reordered(&self, order: &[u32]) -> Self {
+        fn take<T: Copy>(all: &[T], order: &[u32]) -> Vec<T> {
+            if all.is_empty() { Vec::new() } else { order.iter().map(|&v| all[v as usize]).collect() }
+        }
+        Self {
+            positions: take(&self.positions, order),
+            normals: take(&self.normals, order),
+            tangents: take(&self.tangents, order),
+            uvs: take(&self.uvs, order),
+            influences: take(&self.influences, order),
+        }
+    }
+
+    fn write(&self, out: &mut Builder) -> Value {
+        let mut attributes = Map::new();
+        let mut add = |name: &str, accessor: usize| attributes.insert(name.into(), json!(accessor));
+        let positions = out.push_accessor(&self.positions, Component::F32, "VEC3", Target::Vertices);
+        let (low, high) = crate::mesh::bounds(&self.positions);
+        let bounds = &mut out.all_mut(Kind::Accessor)[positions];
+        bounds["min"] = json!(low.to_array());
+        bounds["max"] = json!(high.to_array());
+        add("POSITION", positions);
+        add("NORMAL", out.push_accessor(&self.normals, Component::F32, "VEC3", Target::Vertices));
+        if !self.tangents.is_empty() {
+            add("TANGENT", out.push_accessor(&self.tangents, Component::F32, "VEC4", Target::Vertices));
+        }
+        add("TEXCOORD_0", out.push_accessor(&self.uvs, Component::F32, "VEC2", Target::Vertices));
+        if !self.influences.is_empty() {
+            add("JOINTS_0", self.write_joints(out));
+            let weights: Vec<[f32; 4]> = self.influences.iter().map(|i| i.weights).collect();
+            add("WEIGHTS_0", out.push_accessor(&weights, Component::F32, "VEC4", Target::Vertices));
+        }
+        Value::Object(attributes)
+    }
+
+    /// In bytes where they fit, else in shorts.
+    fn write_joints(&self, out: &mut Builder) -> usize {
+        let bytes: Result<Vec<[u8; 4]>, _> = self.influences.iter().map(|i| bytes_of(i.joints)).collect();
+        match bytes {
+            Ok(bytes) => out.push_accessor(&bytes, Component::U8, "VEC4", Target::Vertices),
+            Err(_) => {
+                let shorts: Vec<[u16; 4]> = self.influences.iter().map(|i| i.joints).collect();
+                out.push_accessor(&shorts, Component::U16, "VEC4", Target::Vertices)
+            }
+        }
+    }
+}
+
+fn bytes_of(joints: [u16; 4]) -> Result<[u8; 4], std::num::TryFromIntError> {
+    let mut out = [0; 4];
+    for (byte, joint) in out.iter_mut().zip(joints) {
+        *byte = u8::try_from(joint)?;
+    }
+    Ok(out)
+}
+
+/// The sampler of all level textures: trilinear, clamped.
+pub(super) fn push_sampler(out: &mut Builder) -> usize {
+    out.push(Kind::Sampler, json!({ "magFilter": 9729, "minFilter": 9987, "wrapS": 33071, "wrapT": 33071 }))
+}
+
+/// Without the alpha channel where nothing shows it.
+pub(super) fn base_color_png(model: &Model, image: &RgbaImage, alpha_mode: AlphaMode) -> Result<Vec<u8>, Error> {
+    if alpha_mode == AlphaMode::Opaque || image.pixels().all(|p| p.0[3] == 255) {
+        let rgb: Vec<u8> = image.pixels().flat_map(|p| [p.0[0], p.0[1], p.0[2]]).collect();
+        png(model, &rgb, image.width(), image.height(), ExtendedColorType::Rgb8)
+    } else {
+        png(model, image, image.width(), image.height(), ExtendedColorType::Rgba8)
+    }
+}
+
+fn png(model: &Model, texels: &[u8], width: u32, height: u32, color: ExtendedColorType) -> Result<Vec<u8>, Error> {
+    let mut out = Cursor::new(Vec::new());
+    PngEncoder::new_with_quality(&mut out, CompressionType::Default, FilterType::Adaptive)
+        .write_image(texels, width, height, color)
+        .map_err(|e| fault(&model.name, format!("a texture of {width}x{height} texels cannot be encoded: {e}")))?;
+    Ok(out.into_inner())
+}
+
+/// Checks the arrays of a level against each other.
+fn check(model: &Model, level: &Level) -> Result<(), Error> {
+    let mesh = &level.mesh;
+    let n = mesh.positions.len();
+    let bad = |found: String| Err(fault(&model.name, format!("the level of {} faces {found}", level.budget)));
+    if mesh.triangles.is_empty() {
+        return bad("has no triangles".into());
+    }
+    for (what, len, may_be_empty) in [
+        ("normals", mesh.normals.len(), false),
+        ("texture coordinates", mesh.uvs.len(), false),
+        ("tangents", mesh.tangents.len(), true),
+        ("influences", mesh.influences.len(), true),
+    ] {
+        if len != n && !(may_be_empty && len == 0) {
+            return bad(format!("has {len} {what} for {n} vertices"));
+        }
+    }
+    if let Some(v) = mesh.triangles.iter().flatten().find(|&&v| v as usize >= n) {
+        return bad(format!("refers to vertex {v} of {n}"));
+    }
+    let finite = mesh.positions.iter().all(|p| p.is_finite())
+        && mesh.normals.iter().all(|p| p.is_finite())
+        && mesh.tangents.iter().all(|p| p.is_finite())
+        && mesh.uvs.iter().all(|p| p.is_finite());
+    if !finite {
+        return bad("has vertices that are not finite".into());
+    }
+    check_influences(model, level)
+}

@@ -1,0 +1,210 @@
+//! The skin of the levels: its joints, and the level's vertices in its bind space.
+//!
+//! A level arrives in the rest pose. A skinned vertex is written at `p_bind = (sum w_j W_j B_j)^-1 p_world` with the
+//! joints' rest matrices `W` and inverse bind matrices `B`, so that skinning it in the rest pose gives `p_world` back,
+//! whether or not the source's rest pose is its bind pose.
+//!
+//! A source with one skin lends that skin unchanged. Otherwise the bones in use become one merged skin, a joint per
+//! node. Where several source skins bind one node differently, the first binding stands: exact for vertices whose bones
+//! all have a binding in that skin, approximate in motion where bones of differently bound skins meet in one vertex.
+
+use glam::{DMat3, DMat4, Mat4, Vec3, Vec4};
+use serde_json::json;
+
+use super::builder::{Builder, Component, Kind, Target};
+use super::fault;
+use crate::Error;
+use crate::model::{Influences, Level, LevelMesh, Model, Rig};
+
+/// Most joints of a merged skin: engines hold the matrices of 256.
+const MAX_JOINTS: usize = 256;
+
+/// Smallest determinant, relative to the size of the matrix, at which a blend of joints is inverted.
+const MIN_DETERMINANT: f64 = 1e-9;
+
+/// Bones of the rig mapped to the joints of the skin that is written.
+pub(super) struct Binding {
+    /// The source's skin, if it is reused.
+    source: Option<usize>,
+    joints: Vec<Joint>,
+    /// Joint of each bone of the rig; bones that no level uses have none in a merged skin.
+    joint_of_bone: Vec<Option<u16>>,
+}
+
+struct Joint {
+    node: usize,
+    inverse_bind: Mat4,
+    /// From bind space to the world in the rest pose.
+    rest: DMat4,
+}
+
+/// Vertices of a level in bind space.
+pub(super) struct BoundVertices {
+    pub(super) positions: Vec<Vec3>,
+    pub(super) normals: Vec<Vec3>,
+    pub(super) tangents: Vec<Vec4>,
+    /// Joints and weights as the glTF wants them: no joint twice, unused slots zero, weights of sum one.
+    pub(super) influences: Vec<Influences>,
+}
+
+impl Binding {
+    /// The skin for `levels`; `None` if none of them is skinned.
+    pub(super) fn new(model: &Model, levels: &[Level]) -> Result<Option<Self>, Error> {
+        let Some(rig) = model.rig.as_ref().filter(|_| levels.iter().any(|l| !l.mesh.influences.is_empty())) else {
+            return Ok(None);
+        };
+        let used = used_bones(rig, levels);
+        let mut binding =
+            Self { source: rig.source_skin, joints: Vec::new(), joint_of_bone: vec![None; rig.bones.len()] };
+        for (b, bone) in rig.bones.iter().enumerate() {
+            if binding.source.is_none() && !used[b] {
+                continue;
+            }
+            let same_node = binding.joints.iter().position(|j| j.node == bone.node && binding.source.is_none());
+            let joint = same_node.unwrap_or(binding.joints.len());
+            if same_node.is_none() {
+                let rest = bone.rest_world.as_dmat4() * bone.inverse_bind.as_dmat4();
+                binding.joints.push(Joint { node: bone.node, inverse_bind: bone.inverse_bind, rest });
+            }
+            binding.joint_of_bone[b] = u16::try_from(joint).ok();
+        }
+        if binding.source.is_none() && binding.joints.len() > MAX_JOINTS {
+            return Err(Error::invalid(
+                &model.name,
+                crate::StageId::Export,
+                format!("the levels hang on {} joints, of which engines take {MAX_JOINTS}", binding.joints.len()),
+                "split the model into files of fewer moving parts",
+            ));
+        }
+        Ok(Some(binding))
+    }
+
+    /// Whether the skin is made here from several of the source, or from moving mesh nodes.
+    pub(super) fn is_merged(&self) -> bool {
+        self.source.is_none()
+    }
+
+    /// The joints' nodes in the source's document.
+    pub(super) fn nodes(&self) -> impl Iterator<Item = usize> {
+        self.joints.iter().map(|j| j.node)
+    }
+
+    /// Index of the skin on the source's nodes, which is appended unless it is the source's own.
+    pub(super) fn write(&self, out: &mut Builder) -> usize {
+        if let Some(skin) = self.source.filter(|&s| s < out.all(Kind::Skin).len()) {
+            return skin;
+        }
+        let matrices: Vec<[f32; 16]> = self.joints.iter().map(|j| affine(j.inverse_bind).to_cols_array()).collect();
+        let matrices = out.push_accessor(&matrices, Component::F32, "MAT4", Target::None);
+        let joints: Vec<usize> = self.nodes().collect();
+        out.push(Kind::Skin, json!({ "joints": joints, "inverseBindMatrices": matrices }))
+    }
+
+    /// Takes a level from the rest pose to bind space.
+    pub(super) fn bind(&self, mesh: &LevelMesh) -> BoundVertices {
+        let mut out = BoundVertices {
+            positions: Vec::with_capacity(mesh.positions.len()),
+            normals: Vec::with_capacity(mesh.normals.len()),
+            tangents: Vec::with_capacity(mesh.tangents.len()),
+            influences: Vec::with_capacity(mesh.influences.len()),
+        };
+        for (v, influences) in mesh.influences.iter().enumerate() {
+            let (influences, rest, inverse) = self.invertible(self.joints_of(influences));
+            out.positions.push(inverse.transform_point3(mesh.positions[v].as_dvec3()).as_vec3());
+            let linear = DMat3::from_mat4(rest);
+            let normal = (linear.transpose() * mesh.normals[v].as_dvec3()).normalize_or_zero().as_vec3();
+            out.normals.push(normal.normalize_or(Vec3::Y));
+            if let Some(tangent) = mesh.tangents.get(v) {
+                let direction = inverse.transform_vector3(tangent.truncate().as_dvec3()).normalize_or_zero().as_vec3();
+                out.tangents.push(direction.normalize_or(Vec3::X).extend(tangent.w));
+            }
+            out.influences.push(influences);
+        }
+        out
+    }
+
+    /// A vertex's bones as joints of the skin: equal joints merged, weights falling and of sum one.
+    fn joints_of(&self, bones: &Influences) -> Influences {
+        let mut slots: Vec<(u16, f32)> = Vec::with_capacity(4);
+        for (&bone, &weight) in bones.joints.iter().zip(&bones.weights) {
+            let Some(joint) = self.joint_of_bone.get(bone as usize).copied().flatten() else { continue };
+            match slots.iter_mut().find(|(j, _)| *j == joint) {
+                _ if weight.is_nan() || weight <= 0.0 => {}
+                Some((_, sum)) => *sum += weight,
+                None => slots.push((joint, weight)),
+            }
+        }
+        let sum: f32 = slots.iter().map(|(_, w)| w).sum();
+        if sum <= 0.0 || !sum.is_finite() {
+            let joint = self.joint_of_bone.get(bones.joints[0] as usize).copied().flatten();
+            return Influences::rigid(joint.unwrap_or(0));
+        }
+        slots.sort_by(|a, b| b.1.total_cmp(&a.1).then(a.0.cmp(&b.0)));
+        let mut out = Influences::default();
+        for (i, (joint, weight)) in slots.into_iter().enumerate() {
+            out.joints[i] = joint;
+            out.weights[i] = weight / sum;
+        }
+        out
+    }
+
+    /// The influences with their rest matrix and its inverse. A blend that collapses space gives way to its largest
+    /// joint alone, a collapsed joint to the identity.
+    fn invertible(&self, influences: Influences) -> (Influences, DMat4, DMat4) {
+        for candidate in [influences, Influences::rigid(influences.joints[0])] {
+            let rest = self.rest(&candidate);
+            if is_invertible(&rest) {
+                return (candidate, rest, rest.inverse());
+            }
+        }
+        (Influences::rigid(influences.joints[0]), DMat4::IDENTITY, DMat4::IDENTITY)
+    }
+
+    fn rest(&self, influences: &Influences) -> DMat4 {
+        let mut sum = DMat4::ZERO;
+        for (&joint, &weight) in influences.joints.iter().zip(&influences.weights) {
+            sum += self.joints[joint as usize].rest * f64::from(weight);
+        }
+        sum
+    }
+}
+
+fn used_bones(rig: &Rig, levels: &[Level]) -> Vec<bool> {
+    let mut used = vec![false; rig.bones.len()];
+    for influences in levels.iter().flat_map(|l| &l.mesh.influences) {
+        for (i, (&bone, &weight)) in influences.joints.iter().zip(&influences.weights).enumerate() {
+            // A vertex without weights falls back on its first bone.
+            if let Some(slot) = used.get_mut(bone as usize).filter(|_| weight > 0.0 || i == 0) {
+                *slot = true;
+            }
+        }
+    }
+    used
+}
+
+fn is_invertible(m: &DMat4) -> bool {
+    let linear = DMat3::from_mat4(*m);
+    let size = linear.x_axis.length().max(linear.y_axis.length()).max(linear.z_axis.length());
+    let determinant = linear.determinant().abs();
+    m.is_finite() && determinant > MIN_DETERMINANT * size.powi(3)
+}
+
+/// The last row exactly (0, 0, 0, 1), as glTF asks of inverse bind matrices.
+fn affine(m: Mat4) -> Mat4 {
+    Mat4::from_cols(
+        m.x_axis.truncate().extend(0.0),
+        m.y_axis.truncate().extend(0.0),
+        m.z_axis.truncate().extend(0.0),
+        m.w_axis.truncate().extend(1.0),
+    )
+}
+
+/// Checks that every influence of a level names a bone.
+pub(super) fn check_influences(model: &Model, level: &Level) -> Result<(), Error> {
+    let bones = model.rig.as_ref().map_or(0, |r| r.bones.len());
+    let outside = level.mesh.influences.iter().flat_map(|i| i.joints).find(|&j| j as usize >= bones);
+    match outside {
+        Some(joint) => Err(fault(&model.name, format!("a level hangs on bone {joint} of {bones}"))),
+        None => Ok(()),
+    }
+}

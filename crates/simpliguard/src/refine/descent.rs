@@ -1,0 +1,245 @@
+//! The loop: a few views a step, vertices by Adam, the texture solved again now and then, the best iterate kept.
+
+use glam::Vec3;
+use rayon::prelude::*;
+
+use super::adam::Adam;
+use super::backward::Gradients;
+use super::forward::Frame;
+use super::loss::{Loss, squared_error};
+use super::regularise::Laplacian;
+use super::{LowPoly, solve_texture};
+use crate::render::{Picture, Random, Rect, View};
+use crate::{Context, Error};
+
+/// Views a step.
+const BATCH: usize = 2;
+/// One view in this many is held out to judge by.
+const HELD_OUT: usize = 6;
+/// Weight of the image gradient in the loss.
+const GRADIENT_WEIGHT: f32 = 0.5;
+/// Weight of the Laplacian of the displacement, with the source's radius as unit of length.
+const LAPLACIAN_WEIGHT: f32 = 0.02;
+/// Factor on the step length from step to step.
+const DECAY: f32 = 0.992;
+/// Iterations of the texture's conjugate gradients.
+const SOLVE_ITERATIONS: usize = 30;
+
+/// How to refine.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Params {
+    /// Vertex steps; none fits the texture alone.
+    pub steps: u32,
+    /// First step length as a part of the mean edge.
+    pub step_length: f32,
+    /// Weight of the texture's smoothness, in pixels.
+    pub smoothness: f32,
+    /// Steps between two solutions of the texture.
+    pub resolve_every: u32,
+    /// Order in which views are taken.
+    pub seed: u64,
+}
+
+/// What refinement gained, in dB over views that it did not fit.
+#[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct Refined {
+    /// With the initial texture.
+    pub psnr_initial: f32,
+    /// With the fitted texture on the vertices it was given.
+    pub psnr_texture: f32,
+    /// At the end.
+    pub psnr: f32,
+}
+
+/// Fits `low` to the views, `radius` being the source's. Never ends worse than it began by the views held out.
+///
+/// # Errors
+/// If cancelled.
+pub fn refine(
+    low: &mut LowPoly,
+    views: &[View],
+    radius: f32,
+    params: &Params,
+    asset: &str,
+    context: &Context<'_>,
+) -> Result<Refined, Error> {
+    let split = Split::new(views);
+    let mut refined = Refined { psnr_initial: split.judge(low), ..Refined::default() };
+    let initial = low.texels.clone();
+    split.solve(low, params.smoothness);
+    refined.psnr_texture = split.judge(low);
+    refined.psnr = refined.psnr_texture;
+    if refined.psnr_texture < refined.psnr_initial {
+        low.texels = initial;
+        refined.psnr = refined.psnr_initial;
+    }
+    if params.steps > 0 && !low.triangles.is_empty() {
+        refined.psnr = descend(low, &split, radius, params, refined.psnr, asset, context)?;
+    }
+    Ok(refined)
+}
+
+/// Views to fit and views to judge by.
+struct Split<'a> {
+    fitted: Vec<&'a View>,
+    fitted_rects: Vec<Rect>,
+    held_out: Vec<&'a View>,
+    held_out_rects: Vec<Rect>,
+}
+
+impl<'a> Split<'a> {
+    fn new(views: &'a [View]) -> Self {
+        let pick = |held: bool| -> Vec<&View> {
+            let chosen = views.iter().enumerate().filter(|(i, _)| (i % HELD_OUT == HELD_OUT / 2) == held);
+            chosen.map(|(_, v)| v).collect()
+        };
+        let (fitted, held_out) = (pick(false), pick(true));
+        let rects = |views: &[&View]| views.iter().map(|v| covered_rect(&v.picture)).collect();
+        Self { fitted_rects: rects(&fitted), held_out_rects: rects(&held_out), fitted, held_out }
+    }
+
+    fn solve(&self, low: &mut LowPoly, smoothness: f32) {
+        solve_texture(low, &self.fitted, &self.fitted_rects, smoothness, SOLVE_ITERATIONS);
+    }
+
+    /// Mean PSNR over the views held out, on white, in dB.
+    fn judge(&self, low: &LowPoly) -> f32 {
+        let errors: Vec<f64> = self
+            .held_out
+            .par_iter()
+            .zip(&self.held_out_rects)
+            .map_init(
+                || Frame::new(self.held_out[0].picture.size),
+                |frame, (view, rect)| {
+                    frame.render(low, &view.camera, *rect);
+                    squared_error(frame, &view.picture, 1.0) / (3 * frame.size * frame.size) as f64
+                },
+            )
+            .collect();
+        let decibels = |e: &f64| -10.0 * libm::log10(e.max(1e-10));
+        (errors.iter().map(decibels).sum::<f64>() / errors.len().max(1) as f64) as f32
+    }
+}
+
+/// Everything one view of a batch needs.
+struct Lane {
+    frame: Frame,
+    loss: Loss,
+    gradients: Gradients,
+}
+
+fn descend(
+    low: &mut LowPoly,
+    split: &Split<'_>,
+    radius: f32,
+    params: &Params,
+    start: f32,
+    asset: &str,
+    context: &Context<'_>,
+) -> Result<f32, Error> {
+    let size = split.fitted[0].picture.size;
+    let lane = || Lane { frame: Frame::new(size), loss: Loss::default(), gradients: Gradients::default() };
+    let mut lanes: Vec<Lane> = (0..BATCH).map(|_| lane()).collect();
+    let origin = low.positions.clone();
+    let laplacian = Laplacian::new(origin.len(), &low.triangles);
+    let mut adam = Adam::new(origin.len());
+    let mut order = Order::new(split.fitted.len(), params.seed);
+    let mut rate = params.step_length * low.mean_edge();
+    let mut best = (start, low.positions.clone(), low.texels.clone());
+    for step in 1..=params.steps {
+        context.check(asset)?;
+        // Black and white by turns: a vertex that fits both fits the outline, not the background.
+        let background = if step % 2 == 0 { 1.0 } else { 0.0 };
+        let chosen: [usize; BATCH] = std::array::from_fn(|_| order.next());
+        let shared = &*low;
+        lanes.par_iter_mut().zip(chosen).with_max_len(1).for_each(|(lane, i)| {
+            let (view, rect) = (split.fitted[i], split.fitted_rects[i]);
+            lane.frame.render(shared, &view.camera, rect);
+            lane.loss.run(&lane.frame, &view.picture, background, GRADIENT_WEIGHT);
+            lane.gradients.run(shared, &view.camera.view_projection, &lane.frame, &lane.loss.gradient);
+        });
+        let mut gradient: Vec<Vec3> = vec![Vec3::ZERO; origin.len()];
+        for lane in &lanes {
+            gradient.iter_mut().zip(&lane.gradients.positions).for_each(|(a, b)| *a += *b / BATCH as f32);
+        }
+        let moved: Vec<Vec3> = low.positions.iter().zip(&origin).map(|(a, b)| *a - *b).collect();
+        laplacian.add_gradient(&moved, LAPLACIAN_WEIGHT / (radius * radius), &mut gradient);
+        adam.step(&mut low.positions, &gradient, rate);
+        rate *= DECAY;
+        if step % params.resolve_every.max(1) == 0 || step == params.steps {
+            undo_flips(low, &origin);
+            split.solve(low, params.smoothness);
+            let psnr = split.judge(low);
+            tracing::trace!(step, psnr, "refine");
+            if psnr > best.0 {
+                best = (psnr, low.positions.clone(), low.texels.clone());
+            }
+        }
+    }
+    (low.positions, low.texels) = (best.1, best.2);
+    Ok(best.0)
+}
+
+/// Puts the corners of faces that have turned over, or lost their area, back to where they began.
+fn undo_flips(low: &mut LowPoly, origin: &[Vec3]) {
+    let normal = |p: &[Vec3], t: &[u32; 3]| {
+        let [a, b, c] = t.map(|v| p[v as usize]);
+        (b - a).cross(c - a)
+    };
+    // Each round puts back at least one vertex, and a face at its origin is upright.
+    loop {
+        let turned: Vec<[u32; 3]> = low
+            .triangles
+            .iter()
+            .filter(|t| {
+                let (old, new) = (normal(origin, t), normal(&low.positions, t));
+                old.dot(new) <= 0.05 * old.length() * new.length() || new.length() < 0.01 * old.length()
+            })
+            .filter(|t| t.iter().any(|&v| low.positions[v as usize] != origin[v as usize]))
+            .copied()
+            .collect();
+        if turned.is_empty() {
+            return;
+        }
+        for v in turned.into_iter().flatten() {
+            low.positions[v as usize] = origin[v as usize];
+        }
+    }
+}
+
+/// Views in random order, each once before any comes again.
+struct Order {
+    random: Random,
+    views: Vec<usize>,
+    at: usize,
+}
+
+impl Order {
+    fn new(views: usize, seed: u64) -> Self {
+        Self { random: Random::new(seed), views: (0..views).collect(), at: views }
+    }
+
+    fn next(&mut self) -> usize {
+        if self.at == self.views.len() {
+            for i in (1..self.views.len()).rev() {
+                self.views.swap(i, (self.random.bits() % (i as u64 + 1)) as usize);
+            }
+            self.at = 0;
+        }
+        self.at += 1;
+        self.views[self.at - 1]
+    }
+}
+
+/// The rectangle of pixels that the source touches.
+fn covered_rect(picture: &Picture) -> Rect {
+    let n = picture.size;
+    let mut rect = Rect { x0: n, y0: n, x1: 0, y1: 0 };
+    for y in 0..n {
+        let row = &picture.pixels[y * n..(y + 1) * n];
+        if let (Some(first), Some(last)) = (row.iter().position(|p| p[3] > 0), row.iter().rposition(|p| p[3] > 0)) {
+            rect = Rect { x0: rect.x0.min(first), x1: rect.x1.max(last + 1), y0: rect.y0.min(y), y1: y + 1 };
+        }
+    }
+    rect
+}

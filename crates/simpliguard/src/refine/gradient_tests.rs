@@ -1,0 +1,148 @@
+//! Gradients against central differences, on a smooth convex scene: a sphere with a smooth texture, fitted to a picture
+//! of a larger, shifted one.
+
+use glam::{Vec2, Vec3, Vec4};
+
+use super::LowPoly;
+use super::backward::Gradients;
+use super::forward::Frame;
+use super::loss::Loss;
+use crate::mesh::TriMesh;
+use crate::render::{Camera, Frame as Framing, Picture, Rect};
+use crate::unwrap::Atlas;
+
+const SIZE: usize = 256;
+const TEXTURE: usize = 64;
+
+/// An octahedron, each face divided into `n` x `n` and pushed onto the unit sphere; seen from +z, u and v follow x and y.
+fn sphere(n: usize) -> LowPoly {
+    let mut mesh = TriMesh::default();
+    let mut ids = std::collections::BTreeMap::new();
+    for octant in 0..8 {
+        let sign = |bit: usize| if octant >> bit & 1 == 0 { 1.0 } else { -1.0 };
+        let (sx, sy, sz) = (sign(0), sign(1), sign(2));
+        let mut at = |i: usize, j: usize| {
+            let (a, b) = (i as f32 / n as f32, j as f32 / n as f32);
+            let p = Vec3::new(sx * a, sy * b, sz * (1.0 - a - b)).normalize();
+            let key = (p * 1e4).round().as_ivec3().to_array();
+            *ids.entry(key).or_insert_with(|| {
+                mesh.positions.push(p);
+                mesh.positions.len() as u32 - 1
+            })
+        };
+        let mut triangles = Vec::new();
+        for i in 0..n {
+            for j in 0..n - i {
+                triangles.push([at(i, j), at(i + 1, j), at(i, j + 1)]);
+                if i + j + 1 < n {
+                    triangles.push([at(i + 1, j), at(i + 1, j + 1), at(i, j + 1)]);
+                }
+            }
+        }
+        let flip = sx * sy * sz < 0.0;
+        mesh.triangles.extend(triangles.into_iter().map(|[a, b, c]| if flip { [a, c, b] } else { [a, b, c] }));
+    }
+    let uv = |v: u32| (mesh.positions[v as usize].truncate() * Vec2::new(0.45, -0.45)) + 0.5;
+    let atlas = Atlas { uvs: mesh.triangles.iter().map(|t| t.map(uv)).collect(), ..Atlas::default() };
+    let texels = (0..TEXTURE * TEXTURE)
+        .map(|i| {
+            let (x, y) = ((i % TEXTURE) as f32 / TEXTURE as f32, (i / TEXTURE) as f32 / TEXTURE as f32);
+            Vec4::new(0.5 + 0.4 * (5.0 * x).sin(), 0.5 + 0.4 * (4.0 * y).cos(), 0.3 + 0.4 * x, 1.0)
+        })
+        .collect();
+    LowPoly::new(&mesh, &atlas, false, TEXTURE, texels, vec![true; TEXTURE * TEXTURE])
+}
+
+fn camera() -> Camera {
+    Camera::orbit(&Framing { centre: Vec3::ZERO, radius: 1.3 }, Vec3::new(0.1, 0.2, 0.97).normalize(), 0.7, 1.0)
+}
+
+fn all() -> Rect {
+    Rect { x0: 0, y0: 0, x1: SIZE, y1: SIZE }
+}
+
+fn target() -> Picture {
+    let mut shifted = sphere(8);
+    shifted.positions.iter_mut().for_each(|p| *p = *p * 1.06 + Vec3::new(0.03, -0.02, 0.0));
+    let mut frame = Frame::new(SIZE);
+    frame.render(&shifted, &camera(), all());
+    let pixels = frame.image.iter().map(|c| (*c * 255.0 + 0.5).to_array().map(|c| c as u8)).collect();
+    Picture { size: SIZE, pixels }
+}
+
+fn loss(low: &LowPoly, target: &Picture, background: f32, lambda: f32) -> (f64, Frame, Loss) {
+    let mut frame = Frame::new(SIZE);
+    frame.render(low, &camera(), all());
+    let mut loss = Loss::default();
+    let value = loss.run(&frame, target, background, lambda);
+    (value, frame, loss)
+}
+
+/// Cosine and ratio of the lengths of the analytic gradient and central differences, over the vertices that move most.
+fn compare(background: f32, lambda: f32) -> (f64, f64) {
+    let (mut low, target) = (sphere(4), target());
+    let (_, frame, run) = loss(&low, &target, background, lambda);
+    let mut gradients = Gradients::default();
+    gradients.run(&low, &camera().view_projection, &frame, &run.gradient);
+    let mut order: Vec<usize> = (0..low.positions.len()).collect();
+    let length = |v: &usize| gradients.positions[*v].length();
+    order.sort_by(|a, b| length(b).total_cmp(&length(a)));
+    let (mut both, mut analytic, mut numeric) = (0.0, 0.0, 0.0);
+    for &v in &order[..30] {
+        for axis in 0..3 {
+            // About a pixel: smaller steps measure single pixels changing hands.
+            let h = 0.012;
+            let mut at = |step: f32| {
+                low.positions[v][axis] += step;
+                let value = loss(&low, &target, background, lambda).0;
+                low.positions[v][axis] -= step;
+                value
+            };
+            let difference = (at(h) - at(-h)) / (2.0 * f64::from(h));
+            let gradient = f64::from(gradients.positions[v][axis]);
+            both += difference * gradient;
+            analytic += gradient * gradient;
+            numeric += difference * difference;
+        }
+    }
+    (both / (analytic * numeric).sqrt(), (analytic / numeric).sqrt())
+}
+
+#[test]
+fn vertex_gradients_point_along_central_differences() {
+    for (background, lambda) in [(0.0, 0.0), (1.0, 0.0), (1.0, 0.5)] {
+        let (cosine, ratio) = compare(background, lambda);
+        assert!(cosine > 0.9, "background {background}, lambda {lambda}: cosine {cosine}");
+        assert!((0.75..1.3).contains(&ratio), "background {background}, lambda {lambda}: ratio {ratio}");
+    }
+}
+
+#[test]
+fn the_loss_of_a_picture_against_itself_is_its_rounding() {
+    let low = sphere(8);
+    let mut frame = Frame::new(SIZE);
+    frame.render(&low, &camera(), all());
+    let pixels = frame.image.iter().map(|c| (*c * 255.0 + 0.5).to_array().map(|c| c as u8)).collect();
+    let value = loss(&low, &Picture { size: SIZE, pixels }, 1.0, 0.5).0;
+    assert!(value < 1e-4, "{value}");
+}
+
+#[test]
+fn image_gradients_match_central_differences() {
+    let (low, target) = (sphere(4), target());
+    let (_, mut frame, run) = loss(&low, &target, 1.0, 0.5);
+    for pixel in [SIZE * 128 + 128, SIZE * 80 + 133, SIZE * 173 + 53] {
+        for lane in 0..4 {
+            let h = 1e-2;
+            let mut at = |step: f32| {
+                frame.image[pixel][lane] += step;
+                let value = Loss::default().run(&frame, &target, 1.0, 0.5);
+                frame.image[pixel][lane] -= step;
+                value
+            };
+            let difference = (at(h) - at(-h)) / (2.0 * f64::from(h));
+            let gradient = f64::from(run.gradient[pixel][lane]);
+            assert!((difference - gradient).abs() < 1e-4 * gradient.abs().max(1e-4), "{difference} {gradient}");
+        }
+    }
+}

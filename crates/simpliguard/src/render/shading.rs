@@ -1,0 +1,165 @@
+//! What a point of a source's surface looks like: material factors, textures at the right mip level, normal maps.
+
+use glam::{Mat2, Vec2, Vec3, Vec4, Vec4Swizzles};
+
+use crate::model::{Material, Model, TextureRef};
+
+/// Material properties at one point of the surface, in linear light.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SurfaceSample {
+    /// Base colour and alpha.
+    pub base_color: Vec4,
+    /// Unit shading normal in world space, normal map applied.
+    pub normal: Vec3,
+    /// 0 occluded to 1 open.
+    pub occlusion: f32,
+    /// 0 to 1.
+    pub roughness: f32,
+    /// 0 to 1.
+    pub metallic: f32,
+    /// Emitted light.
+    pub emissive: Vec3,
+}
+
+/// Samples a model's surface by triangle and barycentric coordinates.
+pub struct SurfaceSampler<'a> {
+    model: &'a Model,
+    /// log2 of each triangle's area in texture space, for both sets.
+    uv_area: [Vec<f32>; 2],
+}
+
+/// The part of a triangle's area that one sample stands for: a pixel's share of its area on screen, or a texel's of its
+/// area in space. Selects the mip level.
+#[derive(Clone, Copy, Debug)]
+pub struct Footprint {
+    log2: f32,
+}
+
+impl Footprint {
+    /// `sample` and `triangle` are areas in one unit.
+    pub fn new(sample: f32, triangle: f32) -> Self {
+        Self { log2: libm::log2f((sample / triangle.max(1e-30)).clamp(1e-30, 1e30)) }
+    }
+}
+
+impl<'a> SurfaceSampler<'a> {
+    /// Prepares the mip selection of every triangle.
+    pub fn new(model: &'a Model) -> Self {
+        let uv_area = [0, 1].map(|set| {
+            let uvs = &model.surface.uvs[set];
+            if uvs.is_empty() {
+                return Vec::new();
+            }
+            let area = |t: &[u32; 3]| {
+                let [a, b, c] = t.map(|v| uvs[v as usize]);
+                libm::log2f((0.5 * (b - a).perp_dot(c - a)).abs().clamp(1e-30, 1e30))
+            };
+            model.surface.triangles.iter().map(area).collect()
+        });
+        Self { model, uv_area }
+    }
+
+    /// The model that is sampled.
+    pub fn model(&self) -> &'a Model {
+        self.model
+    }
+
+    /// The material of triangle `t`.
+    #[inline]
+    pub fn material(&self, t: usize) -> &'a Material {
+        &self.model.materials[self.model.surface.material[t] as usize]
+    }
+
+    /// Base colour and alpha at barycentric coordinates `b` of triangle `t`, linear light.
+    pub fn base_color(&self, t: usize, b: Vec3, footprint: Footprint) -> Vec4 {
+        let material = self.material(t);
+        let mut color = material.base_color;
+        if let Some(texture) = &material.base_color_texture {
+            color *= self.texel(texture, t, b, footprint);
+        }
+        let colors = &self.model.surface.colors;
+        if !colors.is_empty() {
+            let [i, j, k] = self.model.surface.triangles[t].map(|v| colors[v as usize]);
+            color *= i * b.x + j * b.y + k * b.z;
+        }
+        color
+    }
+
+    /// Unit shading normal, normal map applied.
+    pub fn normal(&self, t: usize, b: Vec3, footprint: Footprint) -> Vec3 {
+        let surface = &self.model.surface;
+        let corners = surface.triangles[t].map(|v| v as usize);
+        let [i, j, k] = corners.map(|v| surface.normals[v]);
+        let normal = (i * b.x + j * b.y + k * b.z).normalize_or(Vec3::Y);
+        let material = self.material(t);
+        let Some(texture) = &material.normal_texture else { return normal };
+        let mapped = self.texel(texture, t, b, footprint).xyz() * 2.0 - 1.0;
+        let (tangent, bitangent) = self.tangent_frame(t, b, normal, texture);
+        let [x, y] = [mapped.x * material.normal_scale, mapped.y * material.normal_scale];
+        (tangent * x + bitangent * y + normal * mapped.z).normalize_or(normal)
+    }
+
+    /// Everything at once.
+    pub fn sample(&self, t: usize, b: Vec3, footprint: Footprint) -> SurfaceSample {
+        let material = self.material(t);
+        let texel = |texture: &Option<TextureRef>| {
+            texture.as_ref().map_or(Vec4::ONE, |texture| self.texel(texture, t, b, footprint))
+        };
+        let rough_metal = texel(&material.metallic_roughness_texture);
+        let occlusion = texel(&material.occlusion_texture).x;
+        SurfaceSample {
+            base_color: self.base_color(t, b, footprint),
+            normal: self.normal(t, b, footprint),
+            occlusion: 1.0 + material.occlusion_strength * (occlusion - 1.0),
+            roughness: material.roughness * rough_metal.y,
+            metallic: material.metallic * rough_metal.z,
+            emissive: material.emissive * texel(&material.emissive_texture).xyz(),
+        }
+    }
+
+    fn texel(&self, texture: &TextureRef, t: usize, b: Vec3, footprint: Footprint) -> Vec4 {
+        let uv = self.uv(texture, t, b);
+        let image = &self.model.textures[texture.texture];
+        let [width, height] = image.size();
+        let scale = texture.transform.matrix2.determinant().abs() * width as f32 * height as f32;
+        let area = self.uv_area[texture.uv_set].get(t).copied().unwrap_or(0.0);
+        image.sample(uv, 0.5 * (area + libm::log2f(scale.clamp(1e-30, 1e30)) + footprint.log2))
+    }
+
+    fn uv(&self, texture: &TextureRef, t: usize, b: Vec3) -> Vec2 {
+        let uvs = &self.model.surface.uvs[texture.uv_set];
+        if uvs.is_empty() {
+            return texture.transform.translation;
+        }
+        let [i, j, k] = self.model.surface.triangles[t].map(|v| uvs[v as usize]);
+        texture.transform.transform_point2(i * b.x + j * b.y + k * b.z)
+    }
+
+    /// Tangent and bitangent: the source's own where it has them, else from the texture coordinates.
+    fn tangent_frame(&self, t: usize, b: Vec3, normal: Vec3, texture: &TextureRef) -> (Vec3, Vec3) {
+        let surface = &self.model.surface;
+        let corners = surface.triangles[t].map(|v| v as usize);
+        if !surface.tangents.is_empty() {
+            let [i, j, k] = corners.map(|v| surface.tangents[v]);
+            let tangent = i.xyz() * b.x + j.xyz() * b.y + k.xyz() * b.z;
+            let tangent = (tangent - normal * normal.dot(tangent)).normalize_or_zero();
+            if tangent != Vec3::ZERO {
+                return (tangent, normal.cross(tangent) * if i.w < 0.0 { -1.0 } else { 1.0 });
+            }
+        }
+        let uvs = &surface.uvs[texture.uv_set];
+        if uvs.is_empty() {
+            let tangent = normal.any_orthonormal_vector();
+            return (tangent, normal.cross(tangent));
+        }
+        let [p0, p1, p2] = corners.map(|v| surface.positions[v]);
+        let [u0, u1, u2] = corners.map(|v| texture.transform.transform_point2(uvs[v]));
+        let m = Mat2::from_cols(u1 - u0, u2 - u0);
+        let sign = if m.determinant() < 0.0 { -1.0 } else { 1.0 };
+        let tangent = ((p1 - p0) * (u2 - u0).y - (p2 - p0) * (u1 - u0).y) * sign;
+        let tangent = (tangent - normal * normal.dot(tangent)).normalize_or(normal.any_orthonormal_vector());
+        // Green points up in the image, along -v. A chart that is not mirrored runs clockwise in (u, v), as v grows
+        // downwards: there the bitangent is n x t.
+        (tangent, normal.cross(tangent) * -sign)
+    }
+}

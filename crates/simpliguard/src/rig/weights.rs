@@ -1,0 +1,78 @@
+//! Weights of one vertex over any number of bones.
+
+use crate::model::Influences;
+
+/// Weights below this are noise of the interpolation, and vanish.
+const NEGLIGIBLE: f32 = 1e-4;
+
+/// A sparse sum of influences, ascending by joint.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(super) struct Weights(Vec<(u16, f32)>);
+
+impl Weights {
+    /// Adds a multiple of a vertex's influences.
+    pub(super) fn add(&mut self, influences: &Influences, factor: f32) {
+        for (&joint, &weight) in influences.joints.iter().zip(&influences.weights) {
+            if weight > 0.0 {
+                self.add_joint(joint, weight * factor);
+            }
+        }
+    }
+
+    /// Adds to one joint.
+    pub(super) fn add_joint(&mut self, joint: u16, weight: f32) {
+        match self.0.binary_search_by_key(&joint, |(j, _)| *j) {
+            Ok(at) => self.0[at].1 += weight,
+            Err(at) => self.0.insert(at, (joint, weight)),
+        }
+    }
+
+    /// Weight of a joint.
+    pub(super) fn of(&self, joint: u16) -> f32 {
+        self.0.binary_search_by_key(&joint, |(j, _)| *j).map_or(0.0, |at| self.0[at].1)
+    }
+
+    /// All joints, ascending.
+    pub(super) fn joints(&self) -> impl Iterator<Item = u16> {
+        self.0.iter().map(|(j, _)| *j)
+    }
+
+    /// The four largest, falling, scaled to a sum of one; of equal ones the lower joint first. Entirely on joint 0 if
+    /// there is no weight.
+    pub(super) fn strongest(&self) -> Influences {
+        let mut all: Vec<(u16, f32)> = self.0.iter().copied().filter(|(_, w)| w.is_finite() && *w > 0.0).collect();
+        all.sort_by(|a, b| b.1.total_cmp(&a.1).then(a.0.cmp(&b.0)));
+        let Some(&(_, largest)) = all.first() else { return Influences::rigid(0) };
+        all.truncate(4);
+        all.retain(|(_, w)| *w > NEGLIGIBLE * largest);
+        let sum: f32 = all.iter().map(|(_, w)| w).sum();
+        let mut out = Influences::default();
+        for (i, (joint, weight)) in all.into_iter().enumerate() {
+            out.joints[i] = joint;
+            out.weights[i] = weight / sum;
+        }
+        out
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_four_largest_stay_and_fall() {
+        let mut weights = Weights::default();
+        for (joint, weight) in [(9, 0.125), (4, 0.25), (7, 0.0625), (2, 0.25), (5, 0.375)] {
+            weights.add_joint(joint, weight);
+        }
+        assert_eq!(weights.strongest(), Influences { joints: [5, 2, 4, 9], weights: [0.375, 0.25, 0.25, 0.125] });
+    }
+
+    #[test]
+    fn nothing_and_poison_end_up_on_the_first_joint() {
+        let mut weights = Weights::default();
+        assert_eq!(weights.strongest(), Influences::rigid(0));
+        weights.add_joint(3, f32::NAN);
+        assert_eq!(weights.strongest(), Influences::rigid(0));
+    }
+}

@@ -1,0 +1,126 @@
+//! Which faces anything can see.
+//!
+//! From outside: an identity buffer from many directions tells which faces of a dense mesh are seen and how large they
+//! appear. From the surface (paper 3.2): rays from points on a face through its hemisphere; a face none of whose rays
+//! escapes cannot be seen.
+
+use glam::{Vec3, Vec4};
+use rayon::prelude::*;
+
+use crate::Bvh;
+use crate::mesh::TriMesh;
+use crate::render::{Camera, Frame, NOTHING, Raster, Rect, fibonacci_directions};
+
+/// Side of the identity buffer in pixels.
+const SIZE: usize = 640;
+/// Directions to look from.
+const DIRECTIONS: usize = 72;
+/// Points on a face and rays from each.
+const POINTS: [[f32; 3]; 4] = [[0.34, 0.33, 0.33], [0.7, 0.15, 0.15], [0.15, 0.7, 0.15], [0.15, 0.15, 0.7]];
+const RAYS: usize = 48;
+
+/// Pixels that each face covers over all directions. Back faces count where `double_sided(t)`.
+pub(super) fn visible_pixels(
+    mesh: &TriMesh,
+    frame: &Frame,
+    double_sided: &(impl Fn(usize) -> bool + Sync),
+) -> Vec<u32> {
+    // Not the lattice the views use, so that the two do not share their blind spots.
+    let turn = glam::Quat::from_xyzw(0.18, 0.37, 0.26, 0.87).normalize();
+    let directions = fibonacci_directions(DIRECTIONS);
+    let count = |(mut raster, mut pixels): (Raster, Vec<u32>), direction: &Vec3| {
+        let camera = Camera::orbit(frame, (turn * *direction).normalize(), 0.6, 1.0);
+        let clip: Vec<Vec4> = camera.project(&mesh.positions);
+        let rect = Rect::around(&clip, SIZE, 0);
+        raster.clear(rect);
+        raster.draw(&clip, &mesh.triangles, double_sided);
+        for y in rect.rows() {
+            for &id in &raster.ids[y * SIZE + rect.x0..y * SIZE + rect.x1.max(rect.x0)] {
+                if id != NOTHING {
+                    pixels[id as usize] += 1;
+                }
+            }
+        }
+        (raster, pixels)
+    };
+    let empty = || vec![0u32; mesh.triangles.len()];
+    directions.par_iter().fold(|| (Raster::new(SIZE), empty()), count).map(|(_, pixels)| pixels).reduce(
+        empty,
+        |mut a, b| {
+            a.iter_mut().zip(b).for_each(|(a, b)| *a += b);
+            a
+        },
+    )
+}
+
+/// Grows a set of faces by those that share a vertex with it, `rings` times.
+pub(super) fn grow(mesh: &TriMesh, faces: &mut [bool], rings: usize) {
+    for _ in 0..rings {
+        let mut touched = vec![false; mesh.positions.len()];
+        for (triangle, _) in mesh.triangles.iter().zip(&*faces).filter(|(_, seen)| **seen) {
+            triangle.iter().for_each(|&v| touched[v as usize] = true);
+        }
+        for (triangle, face) in mesh.triangles.iter().zip(&mut *faces) {
+            *face |= triangle.iter().any(|&v| touched[v as usize]);
+        }
+    }
+}
+
+/// For each face whether none of its rays escapes the mesh: `H = 0` in the paper. With `two_sided` both hemispheres count.
+pub(super) fn enclosed(mesh: &TriMesh, frame: &Frame, two_sided: bool) -> Vec<bool> {
+    let bvh = Bvh::new(&mesh.positions, &mesh.triangles);
+    let directions = fibonacci_directions(2 * RAYS);
+    let lift = frame.radius * 1e-4;
+    let escapes = |p: Vec3, n: Vec3| {
+        directions.iter().filter(|d| d.dot(n) > 0.05).any(|&d| !bvh.occluded(p + n * lift, d, 4.0 * frame.radius))
+    };
+    (0..mesh.triangles.len())
+        .into_par_iter()
+        .with_min_len(64)
+        .map(|t| {
+            let [a, b, c] = mesh.corners(t);
+            let n = mesh.area_vector(t).normalize_or_zero();
+            !POINTS.iter().any(|[u, v, w]| {
+                let p = a * *u + b * *v + c * *w;
+                escapes(p, n) || (two_sided && escapes(p, -n))
+            })
+        })
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A unit tetrahedron inside one five times as large.
+    fn nested() -> TriMesh {
+        let corners = [[-1.0, -1.0, -1.0], [1.0, 1.0, -1.0], [1.0, -1.0, 1.0], [-1.0, 1.0, 1.0]].map(Vec3::from);
+        let faces = [[0, 1, 2], [0, 3, 1], [0, 2, 3], [1, 3, 2]];
+        TriMesh {
+            positions: corners.iter().copied().chain(corners.iter().map(|c| *c * 5.0)).collect(),
+            triangles: faces.iter().copied().chain(faces.map(|f| f.map(|v| v + 4))).collect(),
+        }
+    }
+
+    #[test]
+    fn rays_do_not_leave_a_closed_shell() {
+        let mesh = nested();
+        let frame = Frame::around(&mesh.positions);
+        assert_eq!(enclosed(&mesh, &frame, false), [true, true, true, true, false, false, false, false]);
+    }
+
+    #[test]
+    fn cameras_see_the_outer_shell_alone() {
+        let mesh = nested();
+        let pixels = visible_pixels(&mesh, &Frame::around(&mesh.positions), &|_| false);
+        assert!(pixels[..4].iter().all(|&n| n == 0) && pixels[4..].iter().all(|&n| n > 0), "{pixels:?}");
+    }
+
+    #[test]
+    fn rings_grow_over_shared_vertices() {
+        let mesh = nested();
+        let mut seen = [false, false, false, false, true, false, false, false];
+        grow(&mesh, &mut seen, 1);
+        assert_eq!(seen, [false, false, false, false, true, true, true, true]);
+    }
+}

@@ -1,0 +1,140 @@
+//! Welds a triangle soup and cuts it into a manifold with boundary.
+
+use std::collections::HashMap;
+
+use glam::Vec3;
+
+use crate::mesh::{DisjointSets, Topology, TriMesh, bounds};
+
+/// Positions closer than this fraction of the longest side become one.
+const WELD: f32 = 1e-6;
+/// Rounds of cutting; each one removes at least the edges it finds.
+const ROUNDS: usize = 8;
+
+/// The soup's triangles, sharing vertices where their corners coincide, cut apart along edges of more than two triangles
+/// or of two that run the same way, and at pinched vertices. `source` maps each triangle back; degenerate ones are gone.
+pub(super) fn weld(positions: &[Vec3], triangles: &[[u32; 3]]) -> (TriMesh, Vec<u32>) {
+    let (low, high) = bounds(positions);
+    let cell = ((high - low).max_element() * WELD).max(f32::MIN_POSITIVE);
+    let mut ids: HashMap<[i64; 3], u32> = HashMap::with_capacity(positions.len());
+    let mut merged = Vec::new();
+    let welded: Vec<u32> = positions
+        .iter()
+        .map(|&p| {
+            let key = ((p - low) / cell).to_array().map(|c| c.round() as i64);
+            *ids.entry(key).or_insert_with(|| {
+                merged.push(p);
+                merged.len() as u32 - 1
+            })
+        })
+        .collect();
+    let mut mesh = TriMesh { positions: merged, triangles: Vec::with_capacity(triangles.len()) };
+    let mut source = Vec::with_capacity(triangles.len());
+    for (t, triangle) in triangles.iter().enumerate() {
+        let [a, b, c] = triangle.map(|v| welded[v as usize]);
+        if a != b && b != c && c != a {
+            mesh.triangles.push([a, b, c]);
+            source.push(t as u32);
+        }
+    }
+    (cut(&mesh), source)
+}
+
+/// Cuts a mesh into a manifold with boundary, keeping the order of its triangles.
+pub(super) fn cut(mesh: &TriMesh) -> TriMesh {
+    let mut out = cut_once(mesh, &|_| true);
+    for _ in 0..ROUNDS {
+        if Topology::of(&out).is_manifold() {
+            break;
+        }
+        // Two pairs on one edge whose fans meet at both ends: keep those edges apart altogether.
+        let bad = overfull_edges(&out);
+        out = cut_once(&out, &|edge| !bad.contains(&edge));
+    }
+    out
+}
+
+fn overfull_edges(mesh: &TriMesh) -> std::collections::HashSet<(u32, u32)> {
+    let mut count: HashMap<(u32, u32), (u32, u32)> = HashMap::new();
+    for triangle in &mesh.triangles {
+        for k in 0..3 {
+            let (a, b) = (triangle[k], triangle[(k + 1) % 3]);
+            let entry = count.entry((a.min(b), a.max(b))).or_default();
+            if a < b { entry.0 += 1 } else { entry.1 += 1 }
+        }
+    }
+    count.into_iter().filter(|(_, n)| n.0 > 1 || n.1 > 1).map(|(edge, _)| edge).collect()
+}
+
+/// Pairs the two directions of every edge that `joins`, in the order of their triangles, and joins corners across pairs:
+/// each fan becomes a vertex.
+fn cut_once(mesh: &TriMesh, joins: &dyn Fn((u32, u32)) -> bool) -> TriMesh {
+    let mut half_edges: Vec<((u32, u32), bool, u32)> = Vec::with_capacity(mesh.triangles.len() * 3);
+    for (t, triangle) in mesh.triangles.iter().enumerate() {
+        for k in 0..3 {
+            let (a, b) = (triangle[k], triangle[(k + 1) % 3]);
+            half_edges.push(((a.min(b), a.max(b)), a < b, (3 * t + k) as u32));
+        }
+    }
+    half_edges.sort_unstable();
+    let mut corners = DisjointSets::new(mesh.triangles.len() * 3);
+    for run in half_edges.chunk_by(|a, b| a.0 == b.0) {
+        if !joins(run[0].0) {
+            continue;
+        }
+        let split = run.partition_point(|h| !h.1);
+        for (back, forth) in run[..split].iter().zip(&run[split..]) {
+            let after = |corner: u32| corner - corner % 3 + (corner + 1) % 3;
+            corners.join(back.2 as usize, after(forth.2) as usize);
+            corners.join(after(back.2) as usize, forth.2 as usize);
+        }
+    }
+    let mut out = TriMesh { positions: Vec::new(), triangles: vec![[0; 3]; mesh.triangles.len()] };
+    let mut vertex = vec![u32::MAX; mesh.triangles.len() * 3];
+    for corner in 0..vertex.len() {
+        let root = corners.find(corner);
+        if vertex[root] == u32::MAX {
+            vertex[root] = out.positions.len() as u32;
+            out.positions.push(mesh.positions[mesh.triangles[corner / 3][corner % 3] as usize]);
+        }
+        out.triangles[corner / 3][corner % 3] = vertex[root];
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn coincident_corners_are_joined() {
+        let positions = [Vec3::ZERO, Vec3::X, Vec3::Y, Vec3::X, Vec3::X + Vec3::Y, Vec3::Y];
+        let (mesh, source) = weld(&positions, &[[0, 1, 2], [3, 4, 5], [0, 1, 3]]);
+        assert_eq!((mesh.positions.len(), source), (4, vec![0, 1]));
+    }
+
+    #[test]
+    fn three_fins_on_an_edge_are_cut_to_a_pair_and_a_single() {
+        let positions = [Vec3::ZERO, Vec3::X, Vec3::Y, Vec3::Z, -Vec3::Y];
+        let (mesh, _) = weld(&positions, &[[0, 1, 2], [1, 0, 3], [0, 1, 4]]);
+        let topology = Topology::of(&mesh);
+        assert!(topology.is_manifold(), "{topology:?}");
+        assert_eq!(topology.components, 2);
+    }
+
+    #[test]
+    fn two_tetrahedra_at_one_edge_come_apart() {
+        let positions = [Vec3::ZERO, Vec3::X, Vec3::Y, Vec3::Z, -Vec3::Y, -Vec3::Z];
+        let solid = |c, d| [[0, c, 1], [0, 1, d], [0, d, c], [1, c, d]];
+        let triangles: Vec<[u32; 3]> = [solid(2, 3), solid(4, 5)].concat();
+        let (mesh, _) = weld(&positions, &triangles);
+        assert!(Topology::of(&mesh).is_manifold(), "{:?}", Topology::of(&mesh));
+    }
+
+    #[test]
+    fn opposite_windings_are_cut_apart() {
+        let positions = [Vec3::ZERO, Vec3::X, Vec3::Y, Vec3::new(1.0, 1.0, 0.0)];
+        let (mesh, _) = weld(&positions, &[[0, 1, 2], [1, 2, 3]]);
+        assert_eq!(Topology::of(&mesh).edges.boundary, 6);
+    }
+}

@@ -1,0 +1,133 @@
+//! Splits a chart in two and lays charts flat, splitting until each is valid.
+
+use std::cmp::Reverse;
+use std::collections::{BTreeSet, BinaryHeap};
+
+use glam::DVec3;
+
+use super::chart::{Chart, FlatChart};
+use super::lscm::parametrise;
+use super::quality::Limits;
+use super::surface::Surface;
+
+/// Rounds of growing and re-seeding.
+const ROUNDS: usize = 4;
+
+/// Lays the connected set `faces` flat, in as many pieces as it takes; a single face is always valid.
+pub(super) fn flatten(surface: &Surface, faces: Vec<u32>, limits: &Limits) -> Vec<FlatChart> {
+    let mut open = vec![faces];
+    let mut out = Vec::new();
+    while let Some(faces) = open.pop() {
+        let chart = Chart::new(surface, faces);
+        match parametrise(surface, &chart, limits) {
+            Some(uv) => out.push(FlatChart { chart, uv }),
+            None => open.extend(split(surface, &chart.faces)),
+        }
+    }
+    out
+}
+
+/// Two connected, non-empty halves of at least two connected faces by variational shape approximation (Cohen-Steiner
+/// et al. 2004): both grow from seeds over the faces nearest to their mean normal, then seed again.
+fn split(surface: &Surface, faces: &[u32]) -> [Vec<u32>; 2] {
+    let mut seeds = farthest_faces(surface, faces);
+    let mut side = Vec::new();
+    for _ in 0..ROUNDS {
+        let axes = if side.is_empty() {
+            seeds.map(|s| surface.normal[faces[s] as usize])
+        } else {
+            mean_normals(surface, faces, &side)
+        };
+        if !side.is_empty() {
+            seeds = best_faces(surface, faces, &side, axes);
+        }
+        side = grow(surface, faces, seeds, axes);
+    }
+    [0u8, 1].map(|wanted| faces.iter().zip(&side).filter(|&(_, &s)| s == wanted).map(|(&f, _)| f).collect())
+}
+
+/// Indices of two faces far apart along the surface.
+fn farthest_faces(surface: &Surface, faces: &[u32]) -> [usize; 2] {
+    let last_reached = |start: usize| {
+        let mut seen = BTreeSet::from([start]);
+        let mut order = vec![start];
+        let mut head = 0;
+        while head < order.len() {
+            for (_, n) in surface.neighbours(faces[order[head]]) {
+                if let Ok(i) = faces.binary_search(&n)
+                    && seen.insert(i)
+                {
+                    order.push(i);
+                }
+            }
+            head += 1;
+        }
+        order[order.len() - 1]
+    };
+    let a = last_reached(0);
+    [a, last_reached(a)]
+}
+
+fn mean_normals(surface: &Surface, faces: &[u32], side: &[u8]) -> [DVec3; 2] {
+    let mut sums = [DVec3::ZERO; 2];
+    for (&f, &s) in faces.iter().zip(side) {
+        sums[usize::from(s)] += surface.normal[f as usize] * surface.area[f as usize];
+    }
+    sums.map(DVec3::normalize_or_zero)
+}
+
+/// The face of each half whose normal is nearest to the half's mean.
+fn best_faces(surface: &Surface, faces: &[u32], side: &[u8], axes: [DVec3; 2]) -> [usize; 2] {
+    [0, 1]
+        .map(|s| {
+            let fit = |i: usize| surface.normal[faces[i] as usize].dot(axes[s]);
+            (0..faces.len()).filter(|&i| usize::from(side[i]) == s).reduce(|a, b| if fit(b) > fit(a) { b } else { a })
+        })
+        .map(|seed| seed.unwrap_or(0))
+}
+
+/// Grows both halves at once, cheapest face first; every face is reached because the chart is connected.
+fn grow(surface: &Surface, faces: &[u32], seeds: [usize; 2], axes: [DVec3; 2]) -> Vec<u8> {
+    let mut side = vec![u8::MAX; faces.len()];
+    let cost = |i: usize, s: usize| {
+        let f = faces[i] as usize;
+        surface.area[f] * (surface.normal[f] - axes[s]).length_squared() + 1e-3 * surface.area[f]
+    };
+    let mut queue = BinaryHeap::new();
+    for (s, &seed) in seeds.iter().enumerate() {
+        queue.push(Reverse((0u64, seed, s as u8)));
+    }
+    while let Some(Reverse((_, i, s))) = queue.pop() {
+        if side[i] != u8::MAX {
+            continue;
+        }
+        side[i] = s;
+        for (_, n) in surface.neighbours(faces[i]) {
+            if let Ok(j) = faces.binary_search(&n)
+                && side[j] == u8::MAX
+            {
+                queue.push(Reverse((cost(j, usize::from(s)).to_bits(), j, s)));
+            }
+        }
+    }
+    side
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::tests::{cube, sphere, tetrahedron};
+    use super::*;
+
+    #[test]
+    fn a_closed_surface_is_split_into_discs_that_cover_it_once() {
+        for mesh in [tetrahedron(), cube(), sphere(2)] {
+            let surface = Surface::new(&mesh, None);
+            let all: Vec<u32> = (0..mesh.triangles.len() as u32).collect();
+            let charts = flatten(&surface, all.clone(), &Limits { stretch: 1.3 });
+            let mut covered: Vec<u32> = charts.iter().flat_map(|c| c.chart.faces.clone()).collect();
+            covered.sort_unstable();
+            assert_eq!(covered, all);
+            assert!(charts.len() > 1 && charts.len() <= 16, "{}", charts.len());
+        }
+    }
+}

@@ -1,0 +1,4 @@
+//! Tests of the product as a whole: what the repository ships besides code agrees with the code.
+
+mod assets;
+mod readme;
