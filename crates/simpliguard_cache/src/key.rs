@@ -2,9 +2,6 @@
 
 use std::fmt;
 
-/// Hash of a file's bytes.
-pub type ContentHash = blake3::Hash;
-
 /// Separates these keys from every other use of the hash function. The number is that of this encoding.
 const CONTEXT: &str = "simpliguard_cache 2026-01 bake key 1";
 
@@ -48,13 +45,17 @@ impl KeyBuilder {
         builder
     }
 
-    /// Adds the content of an input file; `None` for one that is referred to but cannot be read.
+    /// Adds the content of an input file.
     #[must_use]
-    pub fn input(mut self, content: Option<ContentHash>) -> Self {
-        match content {
-            Some(hash) => self.part(b'i', hash.as_bytes()),
-            None => self.part(b'a', &[]),
-        }
+    pub fn input(mut self, content: &[u8]) -> Self {
+        self.part(b'i', blake3::hash(content).as_bytes());
+        self
+    }
+
+    /// Adds an input file that is referred to but cannot be read.
+    #[must_use]
+    pub fn missing_input(mut self) -> Self {
+        self.part(b'a', &[]);
         self
     }
 
@@ -81,20 +82,16 @@ impl KeyBuilder {
 mod tests {
     use super::*;
 
-    fn hash(text: &str) -> ContentHash {
-        blake3::hash(text.as_bytes())
-    }
-
     #[test]
     fn every_part_counts() {
-        let base = || KeyBuilder::new("1").input(Some(hash("a")));
+        let base = || KeyBuilder::new("1").input(b"a");
         let keys = [
-            KeyBuilder::new("2").input(Some(hash("a"))).settings(b"x").finish(),
+            KeyBuilder::new("2").input(b"a").settings(b"x").finish(),
             base().settings(b"x").finish(),
             base().settings(b"y").finish(),
-            base().input(None).settings(b"x").finish(),
-            base().input(Some(hash("b"))).settings(b"x").finish(),
-            base().settings(b"x").input(Some(hash("b"))).finish(),
+            base().missing_input().settings(b"x").finish(),
+            base().input(b"b").settings(b"x").finish(),
+            base().settings(b"x").input(b"b").finish(),
         ];
         for (i, a) in keys.iter().enumerate() {
             assert!(keys[..i].iter().all(|b| a != b), "key {i} is not new");
@@ -103,7 +100,7 @@ mod tests {
 
     #[test]
     fn the_encoding_is_stable() {
-        let key = KeyBuilder::new("1").input(Some(hash("a"))).input(None).settings(b"faces=[4]\n").finish();
+        let key = KeyBuilder::new("1").input(b"a").missing_input().settings(b"faces=[4]\n").finish();
         assert_eq!(key.hex(), "1b390d6a4d9b1b9eff82ceb06fcfac63e46e097621605a9d5a43f3a1ca006edb");
     }
 }

@@ -16,12 +16,14 @@
 //!
 //! Limits: nothing is evicted, and two processes that miss the same key both bake it (the second finds equal objects).
 
+mod bake;
 mod file;
 mod key;
 mod place;
 mod store;
 
+pub use bake::{BakeResult, bake_key};
 pub use file::write_atomic;
-pub use key::{ContentHash, Key, KeyBuilder};
+pub use key::{Key, KeyBuilder};
 pub use place::{ENV_VAR, place};
 pub use store::{Cache, Entry, Lookup, Stats, StorageError};

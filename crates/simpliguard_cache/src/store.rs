@@ -7,7 +7,7 @@ use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 
 use serde::{Deserialize, Serialize};
 
-use crate::{ContentHash, Key, write_atomic};
+use crate::{Key, write_atomic};
 
 /// Format of the records.
 const RECORD_VERSION: u32 = 1;
@@ -168,7 +168,7 @@ impl Cache {
         };
         let mut objects = Vec::with_capacity(record.objects.len());
         for object in record.objects {
-            let Ok(hash) = ContentHash::from_hex(&object.hash) else {
+            let Ok(hash) = blake3::Hash::from_hex(&object.hash) else {
                 return Err(self.quarantine(path, "names an object by a malformed hash"));
             };
             let Some(bytes) = self.read_object(&hash, object.size)? else { return Ok(None) };
@@ -177,7 +177,7 @@ impl Cache {
         Ok(Some(Entry { made_by: record.made_by, objects }))
     }
 
-    fn read_object(&self, hash: &ContentHash, size: u64) -> Result<Option<Vec<u8>>, StorageError> {
+    fn read_object(&self, hash: &blake3::Hash, size: u64) -> Result<Option<Vec<u8>>, StorageError> {
         let path = self.path("objects", hash);
         let Some(bytes) = read(&path)? else { return Ok(None) };
         if bytes.len() as u64 != size {

@@ -1,0 +1,75 @@
+//! Bakes in the cache: which key a bake has, and what is stored of it. Shared by everything that bakes, so that one
+//! finds what another has made.
+
+use simpliguard::gltf::external_uris;
+use simpliguard::settings::BakeSettings;
+use simpliguard::{Error, PIPELINE_VERSION, Report, Source};
+
+use crate::{Entry, Key, KeyBuilder};
+
+const COMBINED: &str = "combined.glb";
+const REPORT: &str = "report.json";
+const SHEET: &str = "sheet.png";
+const LEVEL_PREFIX: &str = "level_";
+const LEVEL_SUFFIX: &str = ".glb";
+
+/// The key of a bake: over the chain's version, the content of all files of the source, and the settings. Reads the
+/// external files of a glTF, but imports nothing.
+///
+/// # Errors
+/// [`Error::Invalid`] if the source is no glTF.
+pub fn bake_key(source: &Source<'_>, settings: &BakeSettings) -> Result<Key, Error> {
+    let mut key = KeyBuilder::new(PIPELINE_VERSION).input(source.bytes);
+    for uri in external_uris(source.name, source.bytes)? {
+        key = match source.resources.read(&uri) {
+            Ok(bytes) => key.input(&bytes),
+            Err(_) => key.missing_input(),
+        };
+    }
+    Ok(key.settings(&settings.canonical_bake()).finish())
+}
+
+/// Everything that can be written out of a bake without baking again.
+#[derive(Clone, Debug)]
+pub struct BakeResult {
+    /// Source and levels in one binary glTF.
+    pub combined: Vec<u8>,
+    /// Each level as a binary glTF of its own, with its budget in triangles.
+    pub levels: Vec<(u32, Vec<u8>)>,
+    /// Contact sheet as PNG, if one was made.
+    pub sheet: Option<Vec<u8>>,
+    /// How the bake went. Its times are not stored: equal bakes are equal in the cache.
+    pub report: Report,
+}
+
+impl BakeResult {
+    /// As it is stored. `made_by` says what computed it, such as `cpu`.
+    pub fn to_entry(&self, made_by: &str) -> Result<Entry, serde_json::Error> {
+        let report = Report { seconds: Vec::new(), ..self.report.clone() };
+        let mut objects = vec![
+            (COMBINED.to_owned(), self.combined.clone()),
+            (REPORT.to_owned(), serde_json::to_vec_pretty(&report)?),
+        ];
+        let name = |budget| format!("{LEVEL_PREFIX}{budget}{LEVEL_SUFFIX}");
+        objects.extend(self.levels.iter().map(|(budget, glb)| (name(budget), glb.clone())));
+        objects.extend(self.sheet.iter().map(|png| (SHEET.to_owned(), png.clone())));
+        Ok(Entry { made_by: made_by.to_owned(), objects })
+    }
+
+    /// From what was stored; `None` if it is no bake.
+    pub fn from_entry(entry: Entry) -> Option<Self> {
+        let (mut combined, mut report, mut sheet, mut levels) = (None, None, None, Vec::new());
+        for (name, bytes) in entry.objects {
+            match name.as_str() {
+                COMBINED => combined = Some(bytes),
+                REPORT => report = serde_json::from_slice(&bytes).ok(),
+                SHEET => sheet = Some(bytes),
+                name => {
+                    let budget = name.strip_prefix(LEVEL_PREFIX)?.strip_suffix(LEVEL_SUFFIX)?.parse().ok()?;
+                    levels.push((budget, bytes));
+                }
+            }
+        }
+        Some(Self { combined: combined?, report: report?, levels, sheet })
+    }
+}

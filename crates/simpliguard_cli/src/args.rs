@@ -1,0 +1,156 @@
+//! The command line.
+
+use std::num::NonZeroUsize;
+use std::path::PathBuf;
+
+use clap::{Parser, Subcommand, ValueEnum};
+use simpliguard::settings::{BakeOverrides, Layer, Origin, parse_overrides};
+
+use crate::UsageError;
+use crate::source::shown;
+
+/// Textured, skinned levels of detail for glTF models.
+#[derive(Parser, Debug)]
+#[command(name = "simpliguard", version, propagate_version = true)]
+pub(crate) struct Args {
+    #[command(subcommand)]
+    pub(crate) command: Command,
+}
+
+#[derive(Subcommand, Debug)]
+pub(crate) enum Command {
+    Bake(BakeArgs),
+    Settings(SettingsArgs),
+}
+
+/// Bake levels of detail into models.
+///
+/// Every model becomes one binary glTF that holds the source and, behind it, its levels. Exit code 0: all baked; 1: some
+/// failed, the others are written; 2: wrong usage, nothing was baked; 130: interrupted.
+#[derive(clap::Args, Debug)]
+pub(crate) struct BakeArgs {
+    /// .glb and .gltf files, or folders that are searched for both (hidden folders and the output folder are not).
+    #[arg(required = true, value_name = "INPUT")]
+    pub(crate) inputs: Vec<PathBuf>,
+    /// Where the results go; paths below a searched folder are kept.
+    #[arg(long, short, value_name = "DIR", default_value = "lods")]
+    pub(crate) output: PathBuf,
+    /// Also write each level as a file of its own, `<stem>_<budget>.glb`.
+    #[arg(long)]
+    pub(crate) split_levels: bool,
+    #[command(flatten)]
+    pub(crate) settings: SettingsSources,
+    /// What computes.
+    #[arg(long, value_enum, default_value_t = Backend::Auto)]
+    pub(crate) backend: Backend,
+    /// Number of threads; all cores if not given. The results are the same for any number.
+    #[arg(long, value_name = "N")]
+    pub(crate) threads: Option<NonZeroUsize>,
+    /// The cache's folder; else $SIMPLIGUARD_CACHE_DIR, else `cache.dir` of the project, else the user's cache folder.
+    #[arg(long, value_name = "DIR", conflicts_with = "no_cache")]
+    pub(crate) cache_dir: Option<PathBuf>,
+    /// Neither look results up nor store them.
+    #[arg(long)]
+    pub(crate) no_cache: bool,
+    /// Also write a contact sheet, `<stem>_sheet.png`: the source beside its levels.
+    #[arg(long)]
+    pub(crate) sheet: bool,
+    /// Print one JSON document to stdout; everything else goes to stderr.
+    #[arg(long)]
+    pub(crate) json: bool,
+}
+
+/// Print the settings reference, or what applies to a model.
+///
+/// Without a subcommand: every field as RON, with its documentation, range and built-in value.
+#[derive(clap::Args, Debug)]
+pub(crate) struct SettingsArgs {
+    #[command(subcommand)]
+    pub(crate) command: Option<SettingsCommand>,
+}
+
+#[derive(Subcommand, Debug)]
+pub(crate) enum SettingsCommand {
+    /// Print the settings a model is baked with, and where each value comes from.
+    Show {
+        /// The model; it is not read, and need not exist.
+        asset: PathBuf,
+        #[command(flatten)]
+        settings: SettingsSources,
+    },
+}
+
+/// Where settings come from; later ones win: project defaults, matching rules, profile, `.meta`, settings file, flags.
+#[derive(clap::Args, Debug)]
+pub(crate) struct SettingsSources {
+    /// The project, whose `config/simpliguard.ron` applies; else the nearest folder above the input that has one.
+    #[arg(long, value_name = "DIR")]
+    pub(crate) project: Option<PathBuf>,
+    /// A profile of the project.
+    #[arg(long, value_name = "NAME")]
+    pub(crate) profile: Option<String>,
+    /// A RON file of settings, such as `(faces: [500], quality: Draft)`.
+    #[arg(long, value_name = "FILE.ron")]
+    pub(crate) settings: Option<PathBuf>,
+    /// One setting, such as `texture_size=2048`; may be given several times.
+    #[arg(long, value_name = "FIELD=VALUE")]
+    pub(crate) set: Vec<String>,
+    /// Most triangles of each level.
+    #[arg(long, value_name = "N,N,..")]
+    pub(crate) faces: Option<String>,
+    /// How much time is spent.
+    #[arg(long, value_parser = ["draft", "standard", "best"])]
+    pub(crate) quality: Option<String>,
+}
+
+impl SettingsSources {
+    /// The layers on top of a model's own settings: settings file, then flags.
+    pub(crate) fn layers(&self) -> Result<Vec<Layer>, UsageError> {
+        let mut layers = Vec::new();
+        if let Some(path) = &self.settings {
+            let file = shown(path);
+            let text = std::fs::read_to_string(path).map_err(|e| UsageError(format!("cannot read {file}: {e}")))?;
+            layers.push(Layer { overrides: parse_overrides(&text, &file)?, origin: Origin::File { file } });
+        }
+        layers.push(Layer { overrides: self.flags()?, origin: Origin::CommandLine });
+        Ok(layers)
+    }
+
+    fn flags(&self) -> Result<BakeOverrides, UsageError> {
+        let mut flags = BakeOverrides::default();
+        for assignment in &self.set {
+            let (field, value) = assignment
+                .split_once('=')
+                .ok_or_else(|| UsageError(format!("--set {assignment}: expected FIELD=VALUE")))?;
+            flags.set(field.trim(), value)?;
+        }
+        for (field, value) in [("faces", &self.faces), ("quality", &self.quality)] {
+            if let Some(value) = value {
+                flags.set(field, value)?;
+            }
+        }
+        Ok(flags)
+    }
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum Backend {
+    /// The fastest there is.
+    Auto,
+    /// All cores.
+    Cpu,
+    /// The graphics card.
+    Gpu,
+}
+
+impl Backend {
+    /// `Err` if this build cannot compute that way.
+    pub(crate) fn check(self) -> Result<(), UsageError> {
+        match self {
+            Self::Auto | Self::Cpu => Ok(()),
+            Self::Gpu => {
+                Err(UsageError("--backend gpu: this version computes on the CPU only; use auto or cpu".into()))
+            }
+        }
+    }
+}

@@ -1,0 +1,202 @@
+//! `simpliguard bake`: one model after another, each on all threads.
+
+use std::fs;
+use std::io::Cursor;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::Path;
+use std::time::Instant;
+
+use image::{ImageFormat, RgbImage};
+use rayon::{ThreadPool, ThreadPoolBuilder};
+use simpliguard::gltf::export_level;
+use simpliguard::settings::BakeSettings;
+use simpliguard::{Context, Error, Source, StageId};
+use simpliguard_cache::{BakeResult, Cache, Key, Lookup, bake_key, place, write_atomic};
+use simpliguard_eval::contact_sheet;
+
+use crate::UsageError;
+use crate::args::BakeArgs;
+use crate::console::{self, AssetProgress};
+use crate::interrupt::Interrupt;
+use crate::plan::{Job, plan};
+use crate::source::SourceFile;
+use crate::summary::{self, Outcome, Written};
+
+/// What computes a result; part of its record, not of its key.
+const MADE_BY: &str = "cpu";
+
+/// Bakes everything; whether all went well.
+pub(crate) fn run(args: &BakeArgs) -> Result<bool, UsageError> {
+    args.backend.check()?;
+    let jobs = plan(args)?;
+    let session = Session::new(args)?;
+    let bake = |(number, job)| session.bake(job, AssetProgress::new(number + 1, jobs.len(), &job.name));
+    let outcomes: Vec<Outcome> = jobs.iter().enumerate().map(bake).collect();
+    summary::print(&outcomes, args.json)?;
+    Ok(outcomes.iter().all(Outcome::succeeded))
+}
+
+/// What all bakes of one run share.
+struct Session<'a> {
+    args: &'a BakeArgs,
+    interrupt: Interrupt,
+    /// `None` for the global pool with all cores.
+    pool: Option<ThreadPool>,
+}
+
+impl<'a> Session<'a> {
+    fn new(args: &'a BakeArgs) -> Result<Self, UsageError> {
+        let build = |n: std::num::NonZeroUsize| ThreadPoolBuilder::new().num_threads(n.get()).build();
+        let pool = args.threads.map(build).transpose();
+        let pool = pool.map_err(|e| UsageError(format!("--threads: cannot start the threads: {e}")))?;
+        Ok(Self { args, interrupt: Interrupt::install(), pool })
+    }
+
+    fn bake(&self, job: &Job, progress: AssetProgress) -> Outcome {
+        let start = Instant::now();
+        let result = job.settings.as_ref().map_err(ToString::to_string).and_then(|settings| {
+            let (result, cached) = self.result(job, settings, &progress).map_err(|e| e.to_string())?;
+            let written = self.write(job, &result).map_err(|e| e.to_string())?;
+            Ok((result.report, cached, written))
+        });
+        let outcome = match result {
+            Ok((report, cached, written)) => Outcome::done(job, report, cached, written, start.elapsed()),
+            Err(error) => Outcome::failed(job, error, start.elapsed()),
+        };
+        progress.finish(&outcome.line());
+        outcome
+    }
+
+    /// From the cache, or baked; and which of the two.
+    fn result(
+        &self,
+        job: &Job,
+        settings: &BakeSettings,
+        progress: &AssetProgress,
+    ) -> Result<(BakeResult, bool), Error> {
+        let file = SourceFile::read(&job.input, &job.name)?;
+        let source = file.source();
+        let key = bake_key(&source, settings)?;
+        let cache = self.cache(job);
+        let found = cache.as_ref().and_then(|cache| self.look_up(cache, &key));
+        if let Some(result) = found.filter(|result| self.suffices(result)) {
+            return Ok((result, true));
+        }
+        let result = self.compute(&source, settings, progress)?;
+        if let Some(cache) = &cache {
+            self.store(cache, &key, &result);
+        }
+        Ok((result, false))
+    }
+
+    fn cache(&self, job: &Job) -> Option<Cache> {
+        if self.args.no_cache {
+            return None;
+        }
+        place(self.args.cache_dir.as_deref(), job.cache_dir.as_deref()).map(Cache::new)
+    }
+
+    fn look_up(&self, cache: &Cache, key: &Key) -> Option<BakeResult> {
+        match cache.get(key) {
+            Lookup::Hit(entry) => BakeResult::from_entry(entry),
+            Lookup::Miss => None,
+            Lookup::Damaged(error) => {
+                console::warning(&error.to_string());
+                None
+            }
+        }
+    }
+
+    /// A sheet needs the levels as they were in memory, so a result that was made without one is baked again.
+    fn suffices(&self, result: &BakeResult) -> bool {
+        !self.args.sheet || result.sheet.is_some() || result.levels.is_empty()
+    }
+
+    fn store(&self, cache: &Cache, key: &Key, result: &BakeResult) {
+        let _hold = self.interrupt.hold();
+        let stored = result.to_entry(MADE_BY).map_err(|e| e.to_string());
+        if let Err(e) = stored.and_then(|entry| cache.put(key, &entry).map_err(|e| e.to_string())) {
+            console::warning(&format!("the result is not kept: {e}"));
+        }
+    }
+
+    /// Runs the chain. A bug in it fails this model alone.
+    fn compute(
+        &self,
+        source: &Source<'_>,
+        settings: &BakeSettings,
+        progress: &AssetProgress,
+    ) -> Result<BakeResult, Error> {
+        let sheet = self.args.sheet;
+        let chain = || catch_unwind(AssertUnwindSafe(|| run_chain(source, settings, sheet, progress)));
+        let result = match &self.pool {
+            Some(pool) => pool.install(chain),
+            None => chain(),
+        };
+        result.unwrap_or_else(|panic| {
+            let text = panic.downcast_ref::<&str>().map(|s| (*s).to_owned());
+            let text = text.or_else(|| panic.downcast_ref::<String>().cloned()).unwrap_or_default();
+            let found = format!("internal error: {text}");
+            Err(Error::invalid(source.name, StageId::Export, found, "this is a bug; please report it with the file"))
+        })
+    }
+
+    /// Writes the files that were asked for.
+    fn write(&self, job: &Job, result: &BakeResult) -> Result<Written, Error> {
+        let mut written = Written::default();
+        self.write_file(job, &job.combined_path(), &result.combined)?;
+        if self.args.split_levels {
+            for (budget, glb) in &result.levels {
+                let path = job.level_path(*budget);
+                self.write_file(job, &path, glb)?;
+                written.levels.push(path);
+            }
+        }
+        if let (true, Some(png)) = (self.args.sheet, &result.sheet) {
+            let path = job.sheet_path();
+            self.write_file(job, &path, png)?;
+            written.sheet = Some(path);
+        }
+        Ok(written)
+    }
+
+    fn write_file(&self, job: &Job, path: &Path, bytes: &[u8]) -> Result<(), Error> {
+        // Whoever watches the file is not woken for nothing.
+        if fs::read(path).is_ok_and(|there| there == bytes) {
+            return Ok(());
+        }
+        let _hold = self.interrupt.hold();
+        write_atomic(path, bytes).map_err(|e| {
+            let found = format!("cannot write {}: {e}", path.display());
+            Error::invalid(&job.name, StageId::Export, found, "check the folder and the space on its disk")
+        })
+    }
+}
+
+fn run_chain(
+    source: &Source<'_>,
+    settings: &BakeSettings,
+    sheet: bool,
+    progress: &AssetProgress,
+) -> Result<BakeResult, Error> {
+    let context = Context { progress: Some(progress), ..Context::default() };
+    let baked = simpliguard::bake(source, settings, &context)?;
+    let (mut levels, mut picture) = (Vec::with_capacity(baked.levels.len()), None);
+    if let Some(model) = &baked.model {
+        for level in &baked.levels {
+            levels.push((level.budget, export_level(model, level)?));
+        }
+        if sheet && !levels.is_empty() {
+            picture = Some(png(source.name, &contact_sheet(model, &baked.levels))?);
+        }
+    }
+    Ok(BakeResult { combined: baked.glb, levels, sheet: picture, report: baked.report })
+}
+
+fn png(asset: &str, image: &RgbImage) -> Result<Vec<u8>, Error> {
+    let mut bytes = Vec::new();
+    image.write_to(&mut Cursor::new(&mut bytes), ImageFormat::Png).map_err(|e| {
+        Error::invalid(asset, StageId::Export, format!("the contact sheet cannot be encoded: {e}"), "omit --sheet")
+    })?;
+    Ok(bytes)
+}

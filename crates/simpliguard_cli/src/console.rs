@@ -1,0 +1,74 @@
+//! What the user sees while it runs. Everything here goes to stderr.
+
+use std::io::{self, IsTerminal, Write};
+use std::sync::{Mutex, PoisonError};
+use std::time::Duration;
+
+use indicatif::{ProgressBar, ProgressStyle};
+use simpliguard::{Progress, ProgressSink, StageId};
+
+/// Steps of a full bar.
+const BAR_STEPS: u64 = 1000;
+
+/// One line. A closed stderr is no reason to stop.
+pub(crate) fn line(text: &str) {
+    let _ = writeln!(io::stderr(), "{text}");
+}
+
+pub(crate) fn error(text: &str) {
+    line(&format!("error: {text}"));
+}
+
+pub(crate) fn warning(text: &str) {
+    line(&format!("warning: {text}"));
+}
+
+/// The progress of one model: a bar on a terminal, else a line for each stage.
+pub(crate) struct AssetProgress {
+    label: String,
+    bar: Option<ProgressBar>,
+    /// The furthest stage a line was written for.
+    announced: Mutex<Option<StageId>>,
+}
+
+impl AssetProgress {
+    /// `number` counts from 1 to `total`.
+    pub(crate) fn new(number: usize, total: usize, name: &str) -> Self {
+        let label = format!("[{number}/{total}] {name}");
+        let bar = io::stderr().is_terminal().then(|| {
+            let bar = ProgressBar::new(BAR_STEPS).with_style(style()).with_prefix(label.clone());
+            bar.enable_steady_tick(Duration::from_millis(100));
+            bar
+        });
+        Self { label, bar, announced: Mutex::new(None) }
+    }
+
+    /// Ends the bar and says how it went.
+    pub(crate) fn finish(self, outcome: &str) {
+        if let Some(bar) = &self.bar {
+            bar.finish_and_clear();
+        }
+        line(&format!("{}: {outcome}", self.label));
+    }
+}
+
+impl ProgressSink for AssetProgress {
+    fn report(&self, Progress { stage, level, fraction }: Progress) {
+        if let Some(bar) = &self.bar {
+            bar.set_position((fraction.clamp(0.0, 1.0) * BAR_STEPS as f32) as u64);
+            bar.set_message(level.map_or(stage.to_string(), |level| format!("{stage} LOD{level}")));
+            return;
+        }
+        let mut announced = self.announced.lock().unwrap_or_else(PoisonError::into_inner);
+        // Levels run side by side, so stages may come back; only the first of each counts.
+        if announced.is_none_or(|last| stage > last) {
+            *announced = Some(stage);
+            line(&format!("{}: {stage} ({:.0} %)", self.label, fraction * 100.0));
+        }
+    }
+}
+
+fn style() -> ProgressStyle {
+    ProgressStyle::with_template("{prefix} {bar:24} {percent:>3} % {msg} {elapsed}")
+        .unwrap_or_else(|_| ProgressStyle::default_bar())
+}

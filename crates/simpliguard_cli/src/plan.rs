@@ -1,0 +1,116 @@
+//! What is to be baked and written, checked before anything is.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::{Path, PathBuf};
+
+use simpliguard::Error;
+use simpliguard::settings::BakeSettings;
+
+use crate::UsageError;
+use crate::args::BakeArgs;
+use crate::inputs::{self, Input};
+use crate::project::SettingsLookup;
+use crate::source::is_gltf;
+
+/// One model to bake.
+#[derive(Debug)]
+pub(crate) struct Job {
+    /// The model.
+    pub(crate) input: PathBuf,
+    /// The model in messages.
+    pub(crate) name: String,
+    /// Its settings; `Err` fails this model alone.
+    pub(crate) settings: Result<BakeSettings, Error>,
+    /// The cache's folder as the model's project configures it.
+    pub(crate) cache_dir: Option<PathBuf>,
+    /// Where the result goes, without extension.
+    stem: PathBuf,
+}
+
+impl Job {
+    /// Source and levels in one file.
+    pub(crate) fn combined_path(&self) -> PathBuf {
+        self.with_suffix(".glb")
+    }
+
+    /// One level alone.
+    pub(crate) fn level_path(&self, budget: u32) -> PathBuf {
+        self.with_suffix(&format!("_{budget}.glb"))
+    }
+
+    /// The contact sheet.
+    pub(crate) fn sheet_path(&self) -> PathBuf {
+        self.with_suffix("_sheet.png")
+    }
+
+    fn with_suffix(&self, suffix: &str) -> PathBuf {
+        let mut path = self.stem.clone().into_os_string();
+        path.push(suffix);
+        path.into()
+    }
+
+    /// Every file the job may write.
+    fn outputs(&self, args: &BakeArgs) -> Vec<PathBuf> {
+        let mut outputs = vec![self.combined_path()];
+        if let (true, Ok(settings)) = (args.split_levels, &self.settings) {
+            outputs.extend(settings.faces.iter().map(|&budget| self.level_path(budget)));
+        }
+        if args.sheet {
+            outputs.push(self.sheet_path());
+        }
+        outputs
+    }
+}
+
+/// The jobs of a command line, in the order of its inputs. `Err` if two would write one file, or one would overwrite an
+/// input.
+pub(crate) fn plan(args: &BakeArgs) -> Result<Vec<Job>, UsageError> {
+    let mut lookup = SettingsLookup::new(&args.settings)?;
+    let mut jobs = Vec::new();
+    for input in without_repetition(inputs::find(&args.inputs, &args.output)?) {
+        let settings = lookup.of(&input.path)?;
+        jobs.push(Job {
+            name: input.path.display().to_string(),
+            stem: args.output.join(&input.below),
+            input: input.path,
+            settings: settings.resolved.map(|r| r.settings),
+            cache_dir: settings.cache_dir,
+        });
+    }
+    check_outputs(&jobs, args)?;
+    Ok(jobs)
+}
+
+/// A model that is named twice, itself and through its folder, is baked once.
+fn without_repetition(inputs: Vec<Input>) -> Vec<Input> {
+    let mut seen = BTreeSet::new();
+    let identity = |input: &Input| (same_file(&input.path), input.below.clone());
+    inputs.into_iter().filter(|input| seen.insert(identity(input))).collect()
+}
+
+fn check_outputs(jobs: &[Job], args: &BakeArgs) -> Result<(), UsageError> {
+    let inputs: BTreeMap<PathBuf, &Job> = jobs.iter().map(|job| (same_file(&job.input), job)).collect();
+    let mut writers: BTreeMap<PathBuf, &Job> = BTreeMap::new();
+    // What is no model fails by itself and writes nothing.
+    for job in jobs.iter().filter(|job| is_gltf(&job.input)) {
+        for output in job.outputs(args) {
+            if let Some(input) = inputs.get(&same_file(&output)) {
+                let (output, input) = (output.display(), &input.name);
+                return Err(UsageError(format!("{output} would overwrite the input {input}; choose another --output")));
+            }
+            if let Some(other) = writers.insert(same_file(&output), job) {
+                let (first, second, output) = (&other.name, &job.name, output.display());
+                return Err(UsageError(format!(
+                    "{first} and {second} would both be written to {output}; rename one or bake them separately"
+                )));
+            }
+        }
+    }
+    Ok(())
+}
+
+/// Equal for paths that name one file, existing or not.
+fn same_file(path: &Path) -> PathBuf {
+    let absolute = path.canonicalize().or_else(|_| std::path::absolute(path)).unwrap_or_else(|_| path.to_owned());
+    if cfg!(any(windows, target_os = "macos")) { absolute.to_string_lossy().to_lowercase().into() } else { absolute }
+}

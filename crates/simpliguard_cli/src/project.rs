@@ -1,0 +1,118 @@
+//! Which settings apply to a model: its project's file, its `.meta`, the command line.
+
+use std::collections::BTreeMap;
+use std::ffi::OsString;
+use std::fs;
+use std::io;
+use std::path::{Path, PathBuf};
+
+use simpliguard::Error;
+use simpliguard::settings::{Layer, Origin, ProjectFile, Resolved, parse_meta, resolve};
+
+use crate::UsageError;
+use crate::args::SettingsSources;
+use crate::source::{shown, slashed};
+
+/// A project's folder and file.
+#[derive(Debug, Default)]
+struct Project {
+    /// Absolute; `None` for models outside of any project.
+    folder: Option<PathBuf>,
+    file: ProjectFile,
+}
+
+/// Settings of models, each project's file read once.
+pub(crate) struct SettingsLookup {
+    /// For all models, if given on the command line.
+    fixed: Option<PathBuf>,
+    profile: Option<String>,
+    top: Vec<Layer>,
+    projects: BTreeMap<Option<PathBuf>, Project>,
+}
+
+/// What applies to one model.
+pub(crate) struct ModelSettings {
+    /// `Err` if the model's own `.meta` cannot be used.
+    pub(crate) resolved: Result<Resolved, Error>,
+    /// The cache's folder as its project configures it, absolute.
+    pub(crate) cache_dir: Option<PathBuf>,
+}
+
+impl SettingsLookup {
+    pub(crate) fn new(sources: &SettingsSources) -> Result<Self, UsageError> {
+        let fixed = sources.project.as_ref().map(|dir| match dir.canonicalize() {
+            Ok(path) if path.is_dir() => Ok(path),
+            _ => Err(UsageError(format!("--project {}: there is no such folder", dir.display()))),
+        });
+        Ok(Self {
+            fixed: fixed.transpose()?,
+            profile: sources.profile.clone(),
+            top: sources.layers()?,
+            projects: BTreeMap::new(),
+        })
+    }
+
+    /// The settings of a model. `Err` for what is wrong with the project or the command line.
+    pub(crate) fn of(&mut self, model: &Path) -> Result<ModelSettings, UsageError> {
+        let absolute = std::path::absolute(model).unwrap_or_else(|_| model.to_owned());
+        let absolute = absolute.canonicalize().unwrap_or(absolute);
+        let folder = self.fixed.clone().or_else(|| nearest_project(&absolute));
+        if !self.projects.contains_key(&folder) {
+            self.projects.insert(folder.clone(), Project::read(folder.clone())?);
+        }
+        let project = &self.projects[&folder];
+        let mut layers = project.file.layers(&project.path_of(&absolute), self.profile.as_deref())?;
+        let resolved = read_meta(model).and_then(|meta| {
+            layers.extend(meta);
+            layers.extend(self.top.iter().cloned());
+            resolve(layers)
+        });
+        Ok(ModelSettings { resolved, cache_dir: project.cache_dir() })
+    }
+}
+
+impl Project {
+    fn read(folder: Option<PathBuf>) -> Result<Self, UsageError> {
+        let Some(folder) = folder else { return Ok(Self::default()) };
+        let path = folder.join(ProjectFile::PATH);
+        let file = shown(&path);
+        let file = match fs::read_to_string(&path) {
+            Ok(text) => ProjectFile::parse(&text, &file)?,
+            Err(e) if e.kind() == io::ErrorKind::NotFound => ProjectFile::default(),
+            Err(e) => return Err(UsageError(format!("cannot read {file}: {e}"))),
+        };
+        Ok(Self { folder: Some(folder), file })
+    }
+
+    /// What rules match against: the path below `assets/`, as the game names it; else below the project's folder; else
+    /// the file's name.
+    fn path_of(&self, model: &Path) -> String {
+        let below = self
+            .folder
+            .as_deref()
+            .and_then(|folder| model.strip_prefix(folder.join("assets")).or_else(|_| model.strip_prefix(folder)).ok());
+        slashed(below.unwrap_or(model.file_name().map(Path::new).unwrap_or(model)))
+    }
+
+    fn cache_dir(&self) -> Option<PathBuf> {
+        Some(self.folder.as_ref()?.join(self.file.project.cache_dir.as_ref()?))
+    }
+}
+
+fn nearest_project(model: &Path) -> Option<PathBuf> {
+    model.ancestors().skip(1).find(|folder| folder.join(ProjectFile::PATH).is_file()).map(Path::to_owned)
+}
+
+/// The layer of `<file>.meta`, if there is one and it is meant for us.
+fn read_meta(model: &Path) -> Result<Option<Layer>, Error> {
+    let mut path = OsString::from(model);
+    path.push(".meta");
+    let file = shown(Path::new(&path));
+    let text = match fs::read_to_string(&path) {
+        Ok(text) => text,
+        Err(e) if e.kind() == io::ErrorKind::NotFound => return Ok(None),
+        Err(e) => return Err(Error::Settings(format!("cannot read {file}: {e}"))),
+    };
+    let overrides = parse_meta(&text, &file)?;
+    Ok(overrides.map(|overrides| Layer { origin: Origin::Meta { file }, overrides }))
+}

@@ -1,0 +1,42 @@
+//! `simpliguard settings`: the reference, and what applies to a model. Both print RON that can be used as it is.
+
+use std::io::{self, Write};
+
+use simpliguard::settings::{Resolved, reference};
+
+use crate::UsageError;
+use crate::args::{SettingsArgs, SettingsCommand};
+use crate::project::SettingsLookup;
+
+pub(crate) fn run(args: &SettingsArgs) -> Result<(), UsageError> {
+    let text = match &args.command {
+        None => reference_text(),
+        Some(SettingsCommand::Show { asset, settings }) => {
+            effective_text(&SettingsLookup::new(settings)?.of(asset)?.resolved?)
+        }
+    };
+    match io::stdout().write_all(text.as_bytes()) {
+        Err(e) if e.kind() != io::ErrorKind::BrokenPipe => Err(UsageError(format!("cannot write to stdout: {e}"))),
+        _ => Ok(()),
+    }
+}
+
+fn reference_text() -> String {
+    let mut text = String::from("(\n");
+    for field in reference() {
+        let [draft, standard, best] = &field.defaults;
+        text += &format!("    // {}\n    // {}", field.doc, field.accepts);
+        if field.is_preset() {
+            text += &format!("; by quality: Draft {draft}, Standard {standard}, Best {best}");
+        }
+        text += &format!("\n    {}: {standard},\n", field.name);
+    }
+    text + ")\n"
+}
+
+fn effective_text(resolved: &Resolved) -> String {
+    let lines: Vec<_> = resolved.effective().map(|e| (format!("{}: {},", e.name, e.value), e.origin)).collect();
+    let width = lines.iter().map(|(setting, _)| setting.len()).max().unwrap_or(0);
+    let lines = lines.iter().map(|(setting, origin)| format!("    {setting:width$} // {origin}\n"));
+    format!("(\n{})\n", lines.collect::<String>())
+}

@@ -1,0 +1,85 @@
+//! Model files on disk.
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::io;
+use std::path::{Path, PathBuf};
+use std::sync::{Mutex, PoisonError};
+
+use bytes::Bytes;
+use simpliguard::{Error, RelativeUri, Resources, Source, StageId};
+
+/// Larger files are not read; the lengths in a binary glTF end here, too.
+const MAX_FILE_BYTES: u64 = u32::MAX as u64;
+
+/// A model file in memory, with the files around it as they are asked for.
+pub(crate) struct SourceFile {
+    name: String,
+    bytes: Bytes,
+    folder: Folder,
+}
+
+impl SourceFile {
+    /// Reads a `.glb` or `.gltf` file. `name` is for messages.
+    pub(crate) fn read(path: &Path, name: &str) -> Result<Self, Error> {
+        let invalid = |found: String, advice| Error::invalid(name, StageId::Import, found, advice);
+        if !is_gltf(path) {
+            return Err(invalid("its name does not end in .glb or .gltf".into(), "convert it to glTF first"));
+        }
+        let bytes =
+            read(path).map_err(|reason| invalid(format!("cannot read the file: {reason}"), "check the path"))?;
+        let folder = Folder { path: path.parent().map(Path::to_owned).unwrap_or_default(), seen: Mutex::default() };
+        Ok(Self { name: name.to_owned(), bytes, folder })
+    }
+
+    /// As the chain takes it. Each file is read once, so what is baked is what a key was made of.
+    pub(crate) fn source(&self) -> Source<'_> {
+        Source { name: &self.name, bytes: &self.bytes, resources: &self.folder }
+    }
+}
+
+/// The files beside a model, kept once read.
+struct Folder {
+    path: PathBuf,
+    seen: Mutex<BTreeMap<RelativeUri, Result<Bytes, String>>>,
+}
+
+impl Resources for Folder {
+    fn read(&self, uri: &RelativeUri) -> Result<Bytes, String> {
+        let mut seen = self.seen.lock().unwrap_or_else(PoisonError::into_inner);
+        seen.entry(uri.clone()).or_insert_with(|| read(&self.path.join(uri.as_str()))).clone()
+    }
+}
+
+fn read(path: &Path) -> Result<Bytes, String> {
+    let explain = |e: io::Error| match e.kind() {
+        io::ErrorKind::NotFound => "there is no such file".to_owned(),
+        _ => e.to_string(),
+    };
+    let data = fs::metadata(path).map_err(explain)?;
+    // Pipes and devices would never end.
+    if !data.is_file() {
+        return Err("it is not a file".into());
+    }
+    if data.len() > MAX_FILE_BYTES {
+        return Err(format!("it has {} bytes, over the limit of {MAX_FILE_BYTES}", data.len()));
+    }
+    fs::read(path).map(Bytes::from).map_err(explain)
+}
+
+/// By its name.
+pub(crate) fn is_gltf(path: &Path) -> bool {
+    path.extension().is_some_and(|e| e.eq_ignore_ascii_case("glb") || e.eq_ignore_ascii_case("gltf"))
+}
+
+/// A path for messages: relative to the current folder if it is below it, its parts separated by `/`.
+pub(crate) fn shown(path: &Path) -> String {
+    let current = std::env::current_dir().unwrap_or_default();
+    slashed(path.strip_prefix(current).unwrap_or(path))
+}
+
+/// A path with its parts separated by `/`.
+pub(crate) fn slashed(path: &Path) -> String {
+    let text = path.to_string_lossy();
+    if cfg!(windows) { text.replace('\\', "/") } else { text.into_owned() }
+}
