@@ -1,20 +1,16 @@
 //! The chain of stages, and the one function that runs it.
 
-use glam::{Vec3, Vec4};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use crate::clock::Clock;
 use crate::gltf::{self, ExportOptions, Limits};
-use crate::mesh::TriMesh;
-use crate::model::{AlphaMode, Influences, Level, Model, linear_to_srgb};
-use crate::refine::{self, LowPoly, Refined};
-use crate::render::{Frame, SurfaceSampler, View, take_views, viewpoints};
-use crate::rig::{self, Transfer};
-use crate::settings::{BakeSettings, Candidates, ExistingLods, Resolution, SkinTransfer};
-use crate::shape::{self, Deviation, Road, Shape};
-use crate::texture::{self, Channels};
-use crate::unwrap::{UnwrapParams, unwrap};
+use crate::level::{Shared, make_level};
+use crate::model::{Level, Model};
+use crate::refine::Refined;
+use crate::render::{Frame, SurfaceSampler, take_views, viewpoints};
+use crate::settings::{BakeSettings, Candidates, ExistingLods, Resolution};
+use crate::shape::{self, Deviation};
 use crate::{Bvh, Context, Error, Source, StageId, reconstruct};
 
 /// Part of every cache key: raised whenever the output of any stage changes for equal input and settings.
@@ -175,19 +171,6 @@ fn passed_through(source: &Source<'_>, model: Option<Model>, status: Status, clo
     }
 }
 
-/// What all levels share.
-struct Shared<'a> {
-    model: &'a Model,
-    sampler: SurfaceSampler<'a>,
-    bvh: Bvh,
-    frame: Frame,
-    views: Vec<View>,
-    seed: u64,
-    settings: &'a BakeSettings,
-    context: &'a Context<'a>,
-    clock: &'a Clock,
-}
-
 fn make_levels(
     source: &Source<'_>,
     model: &Model,
@@ -228,13 +211,12 @@ fn make_levels(
 }
 
 fn shape_params(settings: &BakeSettings, budgets: &[u32]) -> shape::Params {
-    let resolutions = match settings.resolution {
-        Resolution::Auto => vec![128, 256],
-        Resolution::Cells(n) => vec![n],
-    };
-    let reconstructions = match settings.candidates {
-        Candidates::Source => Vec::new(),
-        _ => resolutions.into_iter().map(reconstruct::Params::new).collect(),
+    let thick = |n| reconstruct::Params { offset: 1.5, ..reconstruct::Params::new(n) };
+    let reconstructions = match (settings.candidates, settings.resolution) {
+        (Candidates::Source, _) => Vec::new(),
+        // Fine for large budgets, coarse for small ones, thick where parts lie close together.
+        (_, Resolution::Auto) => vec![reconstruct::Params::new(128), reconstruct::Params::new(256), thick(128)],
+        (_, Resolution::Cells(n)) => vec![reconstruct::Params::new(n)],
     };
     shape::Params {
         budgets: budgets.to_vec(),
@@ -245,109 +227,4 @@ fn shape_params(settings: &BakeSettings, budgets: &[u32]) -> shape::Params {
         visible_weight: f64::from(settings.visible_weight),
         curvature: f64::from(settings.curvature),
     }
-}
-
-/// Rig, unwrap, texture and refine for one shape.
-fn make_level(
-    shared: &Shared<'_>,
-    number: u32,
-    budget: u32,
-    shape: &Shape,
-    deviation: &Deviation,
-) -> Result<(Level, LevelReport), Error> {
-    let Shared { model, settings, context, clock, .. } = *shared;
-    context.check(&model.name)?;
-    let size = texture_size(settings, budget) as usize;
-    let params = UnwrapParams { size: size as u32, gutter: settings.gutter };
-    context.report(StageId::Unwrap, Some(number as usize), 0.4);
-    let atlas = clock.time(StageId::Unwrap, || unwrap(&shape.mesh, None, &params));
-    let texels = texture::texel_map(&atlas, size);
-
-    context.report(StageId::Texture, Some(number as usize), 0.45);
-    let bake = |mesh: &TriMesh| texture::bake(&shared.sampler, &shared.bvh, &shared.frame, mesh, &atlas, &texels, size);
-    let alpha = wants_alpha(model, shape);
-    let (initial, covered) = clock.time(StageId::Texture, || initial_texture(&bake(&shape.mesh), size));
-    let mut low = LowPoly::new(&shape.mesh, &atlas, shape.double_sided || alpha, size, initial, covered);
-
-    context.report(StageId::Refine, Some(number as usize), 0.5);
-    let refined = clock.time(StageId::Refine, || {
-        let params = refine::Params {
-            // A cut-out's outline is in its texture, not at its vertices.
-            steps: if alpha { 0 } else { settings.refine_steps },
-            step_length: settings.step_length,
-            smoothness: settings.texture_smoothness,
-            resolve_every: 40,
-            seed: shared.seed ^ u64::from(budget),
-        };
-        refine::refine(&mut low, &shared.views, shared.frame.radius, &params, &model.name, context)
-    })?;
-
-    let mesh = low.mesh();
-    context.report(StageId::Rig, Some(number as usize), 0.9);
-    let influences = clock.time(StageId::Rig, || influences(shared, &mesh));
-    let unlit = model.materials.iter().all(|m| m.unlit);
-    let channels = Channels { normal: settings.normal_map && !unlit, alpha };
-    let (mesh, textures, material) = clock.time(StageId::Texture, || {
-        let samples = bake(&mesh);
-        let mesh = texture::level_mesh(&mesh, &atlas, &influences, channels.normal);
-        let (textures, varying) = texture::maps(&mesh, &texels, &samples, &low.texels, size, channels);
-        (mesh, textures, texture::level_material(&varying, alpha, low.double_sided, unlit))
-    });
-    let faces = mesh.triangles.len() as u32;
-    let report = LevelReport {
-        level: number,
-        budget,
-        faces,
-        stopped: (f64::from(faces) < 0.98 * f64::from(budget))
-            .then(|| "no further face can be spent: collapses that small parts need remove several at once".to_owned()),
-        candidate: shape.road.to_string(),
-        error: deviation.percentile_95,
-        deviation: *deviation,
-        charts: atlas.charts as u32,
-        fill: atlas.fill,
-        refined,
-    };
-    Ok((Level { budget, error: deviation.percentile_95, mesh, material, textures }, report))
-}
-
-fn influences(shared: &Shared<'_>, mesh: &TriMesh) -> Vec<Influences> {
-    let method = match shared.settings.skin_transfer {
-        SkinTransfer::ClosestSurface => Transfer::default(),
-        SkinTransfer::NearestVertices => Transfer::NearestVertices { k: 4 },
-    };
-    rig::transfer(shared.model, &shared.bvh, mesh, &mesh.vertex_normals(), method).0
-}
-
-/// Levels of at most 1,000 faces are seen from afar: half the texture is enough.
-fn texture_size(settings: &BakeSettings, budget: u32) -> u32 {
-    if budget <= 1000 { (settings.texture_size / 2).max(64) } else { settings.texture_size }
-}
-
-/// Whether the level is a cut-out: it consists of the source's own triangles and most of their area is masked or blended.
-fn wants_alpha(model: &Model, shape: &Shape) -> bool {
-    if shape.road != Road::Source {
-        return false;
-    }
-    let (mut cut, mut all) = (0.0, 0.0);
-    for (triangle, &material) in model.surface.triangles.iter().zip(&model.surface.material) {
-        let [a, b, c] = triangle.map(|v| model.surface.positions[v as usize]);
-        let area = f64::from((b - a).cross(c - a).length());
-        all += area;
-        cut += if model.materials[material as usize].alpha_mode == AlphaMode::Opaque { 0.0 } else { area };
-    }
-    2.0 * cut > all
-}
-
-/// Encoded colours with their gutters, and which texels a triangle covers.
-fn initial_texture(samples: &[Option<crate::render::SurfaceSample>], size: usize) -> (Vec<Vec4>, Vec<bool>) {
-    let covered: Vec<bool> = samples.iter().map(Option::is_some).collect();
-    let encoded = |s: &crate::render::SurfaceSample| {
-        let c = s.base_color;
-        Vec3::new(linear_to_srgb(c.x), linear_to_srgb(c.y), linear_to_srgb(c.z)).extend(1.0)
-    };
-    let grey = Vec4::new(0.5, 0.5, 0.5, 1.0);
-    let mut texels: Vec<Vec4> =
-        samples.par_iter().with_min_len(4096).map(|s| s.as_ref().map_or(grey, encoded)).collect();
-    texture::dilate(&mut texels, &mut covered.clone(), size, texture::GUTTER_STEPS);
-    (texels, covered)
 }

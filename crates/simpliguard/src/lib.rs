@@ -17,6 +17,7 @@ mod clock;
 mod context;
 mod error;
 pub mod gltf;
+mod level;
 pub mod mesh;
 pub mod model;
 pub mod reconstruct;

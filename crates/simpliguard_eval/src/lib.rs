@@ -1,1 +1,5 @@
-//! Pictures and metrics of baked levels.
+//! Pictures of baked levels beside their source.
+
+mod sheet;
+
+pub use sheet::contact_sheet;

@@ -79,6 +79,22 @@ pub fn refine(
     Ok(refined)
 }
 
+/// Fits the texture alone, if `solve` and if that gains anything; returns the PSNR over the views held out, in dB.
+pub fn fit_texture(low: &mut LowPoly, views: &[View], smoothness: f32, solve: bool) -> f32 {
+    let split = Split::new(views);
+    let before = split.judge(low);
+    if !solve {
+        return before;
+    }
+    let initial = low.texels.clone();
+    split.solve(low, smoothness);
+    let after = split.judge(low);
+    if after < before {
+        low.texels = initial;
+    }
+    after.max(before)
+}
+
 /// Views to fit and views to judge by.
 struct Split<'a> {
     fitted: Vec<&'a View>,

@@ -51,6 +51,12 @@ impl LowPoly {
         }
     }
 
+    /// The same mesh with another texture of `size` x `size` texels.
+    pub fn retextured(self, atlas: &Atlas, size: usize, texels: Vec<Vec4>, covered: Vec<bool>) -> Self {
+        let uvs = atlas.uvs.iter().map(|corners| corners.map(|uv| uv * size as f32)).collect();
+        Self { uvs, size, texels, covered, ..self }
+    }
+
     /// The mesh alone.
     pub fn mesh(&self) -> TriMesh {
         TriMesh { positions: self.positions.clone(), triangles: self.triangles.clone() }

@@ -18,6 +18,6 @@ mod low_poly;
 mod regularise;
 mod stencil;
 
-pub use descent::{Params, Refined, refine};
+pub use descent::{Params, Refined, fit_texture, refine};
 pub use low_poly::LowPoly;
 pub use stencil::solve_texture;

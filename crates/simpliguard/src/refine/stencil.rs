@@ -37,8 +37,8 @@ pub fn solve_texture(low: &mut LowPoly, views: &[&View], rects: &[Rect], smoothn
     for texel in &mut low.texels {
         *texel = texel.clamp(Vec4::ZERO, Vec4::ONE).with_w(1.0);
     }
-    let mut known: Vec<bool> = low.covered.iter().zip(seen).map(|(covered, seen)| *covered || seen).collect();
-    crate::texture::dilate(&mut low.texels, &mut known, low.size, crate::texture::GUTTER_STEPS);
+    let known: Vec<bool> = low.covered.iter().zip(seen).map(|(covered, seen)| *covered || seen).collect();
+    crate::texture::fill(&mut low.texels, &known, low.size);
 }
 
 fn assemble(low: &LowPoly, views: &[&View], rects: &[Rect]) -> Vec<Row> {

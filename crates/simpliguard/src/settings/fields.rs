@@ -265,8 +265,8 @@ settings! {
     remove_invisible: bool = always(true), Limit::None, [Shape];
     /// How much of a quadric's weight depends on how visible its faces are; 0 weighs all faces by area alone.
     visible_weight: f32 = always(0.9), Limit::Between(0.0, 1.0), [Shape];
-    /// Weight of the curvature quadric, which keeps faces where the surface bends.
-    curvature: f32 = always(0.01), Limit::Between(0.0, 10.0), [Shape];
+    /// Weight of the curvature quadric (alpha in the paper), which keeps faces where the surface bends.
+    curvature: f32 = always(0.0), Limit::Between(0.0, 10.0), [Shape];
     /// Whether the levels must stay closed, at the cost of faces that nobody sees.
     watertight: bool = always(false), Limit::None, [Shape];
     /// How a level gets its joint weights.

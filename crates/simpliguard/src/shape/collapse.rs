@@ -230,8 +230,11 @@ impl Simplifier {
             if self.first[u as usize] == NONE
                 || self.first[v as usize] == NONE
                 || (self.stamps[u as usize], self.stamps[v as usize]) != entry.stamps
-                || !self.link_condition(u, v)
             {
+                continue;
+            }
+            if !self.link_condition(u, v) {
+                self.collapse_tetrahedron(&entry);
                 continue;
             }
             let (place, _) = self.placement(u, v);
@@ -241,7 +244,40 @@ impl Simplifier {
         }
     }
 
-    /// Whether the mesh stays a manifold of the same topology.
+    /// A component that is down to a tetrahedron vanishes as a whole, at the error of its collapse to a point.
+    fn collapse_tetrahedron(&mut self, entry: &Entry) {
+        let mut vertices = vec![entry.u, entry.v];
+        let mut faces = Vec::new();
+        let mut at = 0;
+        while at < vertices.len() {
+            let around: Vec<u32> = self.faces_of(vertices[at]).map(|(f, _)| f).collect();
+            if around.len() != 3 || vertices.len() > 4 {
+                return;
+            }
+            for f in around {
+                if !faces.contains(&f) {
+                    faces.push(f);
+                }
+                for v in self.faces[f as usize] {
+                    if !vertices.contains(&v) {
+                        vertices.push(v);
+                    }
+                }
+            }
+            at += 1;
+        }
+        let mut quadric = Quadric::default();
+        vertices.iter().for_each(|&v| quadric.add(&self.quadrics[v as usize]));
+        let middle = vertices.iter().map(|&v| self.positions[v as usize]).sum::<DVec3>() / vertices.len() as f64;
+        let cost = (quadric.error(middle) as f32).to_bits();
+        if entry.cost >= cost {
+            self.remove(&faces);
+        } else {
+            self.heap.push(Reverse(Entry { cost, ..*entry }));
+        }
+    }
+
+    /// Whether the mesh stays a manifold of the same topology, save that a hole of three edges closes.
     fn link_condition(&mut self, u: u32, v: u32) -> bool {
         let edge_faces = self.faces_of_edge(u, v);
         if edge_faces == 0 || edge_faces > 2 {
@@ -254,7 +290,7 @@ impl Simplifier {
         self.mark += 2;
         let (seen, shared) = (self.mark - 1, self.mark);
         self.mark_neighbours(u, v, seen);
-        let mut common = 0;
+        let (mut common, mut closing) = (0, 0);
         let (mut cursor, mut blocked) = (self.first[v as usize], false);
         while cursor != NONE {
             let face = self.faces[cursor as usize / 3];
@@ -263,6 +299,11 @@ impl Simplifier {
                     if w != u && w != v && self.marks[w as usize] == seen {
                         self.marks[w as usize] = shared;
                         common += 1;
+                        let hole = edge_faces == 1
+                            && !self.faces_of_edge_hold(u, v, w)
+                            && self.faces_of_edge(u, w) == 1
+                            && self.faces_of_edge(v, w) == 1;
+                        closing += usize::from(hole);
                     }
                 }
                 // A face of v whose other corners both neighbour u would fold onto a face of u.
@@ -272,7 +313,15 @@ impl Simplifier {
             }
             cursor = self.next[cursor as usize];
         }
-        common == edge_faces && !blocked
+        common == edge_faces + closing.min(1) && !blocked
+    }
+
+    /// Whether some face has all three corners.
+    fn faces_of_edge_hold(&self, u: u32, v: u32, w: u32) -> bool {
+        self.faces_of(u).any(|(f, _)| {
+            let face = self.faces[f as usize];
+            face.contains(&v) && face.contains(&w)
+        })
     }
 
     /// Whether `u` has a face with the corners of `face` other than `v`.
@@ -533,16 +582,29 @@ mod tests {
     }
 
     #[test]
-    fn a_tetrahedron_is_left_alone() {
+    fn a_tetrahedron_stays_within_its_budget_and_vanishes_below_it() {
         let mesh = TriMesh {
             positions: vec![Vec3::ZERO, Vec3::X, Vec3::Y, Vec3::Z],
             triangles: vec![[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]],
         };
-        assert_eq!(simplified(&mesh, 1).triangles.len(), 4);
+        assert_eq!(simplified(&mesh, 4).triangles.len(), 4);
+        assert_eq!(simplified(&mesh, 3).triangles.len(), 0);
     }
 
     #[test]
-    fn the_smallest_component_goes_when_nothing_collapses() {
+    fn a_hole_of_three_edges_closes() {
+        // An octahedron without one face.
+        let mesh = TriMesh {
+            positions: vec![Vec3::X, -Vec3::X, Vec3::Y, -Vec3::Y, Vec3::Z, -Vec3::Z],
+            triangles: vec![[2, 1, 4], [1, 3, 4], [3, 0, 4], [2, 0, 5], [1, 2, 5], [3, 1, 5], [0, 3, 5]],
+        };
+        let out = simplified(&mesh, 6);
+        let topology = Topology::of(&out);
+        assert!(topology.is_manifold() && out.triangles.len() <= 6, "{topology:?}");
+    }
+
+    #[test]
+    fn the_smallest_component_vanishes_first() {
         let mut mesh = TriMesh {
             positions: vec![Vec3::ZERO, Vec3::X, Vec3::Y, Vec3::Z],
             triangles: vec![[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]],

@@ -2,6 +2,7 @@
 
 use glam::{Vec2, Vec3, Vec4};
 
+use super::GUTTER_STEPS;
 use crate::render::raster::scan;
 use crate::unwrap::Atlas;
 
@@ -63,6 +64,39 @@ pub fn dilate(texels: &mut [Vec4], known: &mut [bool], size: usize, steps: usize
     }
 }
 
+/// Gives every unknown texel a value: rings around the charts first, far ones the mean of what lies around them at
+/// coarser and coarser scales, so that no mip level takes in anything foreign.
+pub fn fill(texels: &mut [Vec4], known: &[bool], size: usize) {
+    let mut known = known.to_vec();
+    dilate(texels, &mut known, size, GUTTER_STEPS);
+    let weighted = texels.iter().zip(&known).map(|(t, k)| if *k { (*t, 1.0) } else { (Vec4::ZERO, 0.0) }).collect();
+    let mut levels: Vec<(usize, Vec<(Vec4, f32)>)> = vec![(size, weighted)];
+    while let Some((side, fine)) = levels.last().filter(|(side, _)| *side > 1) {
+        let half = side / 2;
+        let mean = |i: usize| {
+            let (x, y) = (2 * (i % half), 2 * (i / half));
+            let four = [y * side + x, y * side + x + 1, (y + 1) * side + x, (y + 1) * side + x + 1].map(|j| fine[j]);
+            let weight: f32 = four.iter().map(|f| f.1).sum();
+            let sum: Vec4 = four.iter().map(|f| f.0 * f.1).sum();
+            if weight > 0.0 { (sum / weight, 1.0) } else { (Vec4::ZERO, 0.0) }
+        };
+        levels.push((half, (0..half * half).map(mean).collect()));
+    }
+    while let Some((half, coarse)) = levels.pop() {
+        let Some((side, fine)) = levels.last_mut() else {
+            return;
+        };
+        for (i, texel) in fine.iter_mut().enumerate().filter(|(_, t)| t.1 == 0.0) {
+            *texel = coarse[(i / *side / 2) * half + i % *side / 2];
+        }
+        if levels.len() == 1 {
+            for (texel, (value, _)) in texels.iter_mut().zip(&levels[0].1) {
+                *texel = *value;
+            }
+        }
+    }
+}
+
 fn neighbours(i: usize, size: usize) -> impl Iterator<Item = usize> {
     let (x, y) = ((i % size) as isize, (i / size) as isize);
     let around = (-1..=1isize).flat_map(move |dy| (-1..=1isize).map(move |dx| (x + dx, y + dy)));
@@ -95,6 +129,15 @@ mod tests {
         dilate(&mut texels, &mut known, 5, 1);
         assert_eq!(known.iter().filter(|k| **k).count(), 9);
         dilate(&mut texels, &mut known, 5, 5);
+        assert!(texels.iter().all(|t| *t == Vec4::ONE));
+    }
+
+    #[test]
+    fn filling_reaches_everything_and_keeps_what_is_known() {
+        let mut texels = vec![Vec4::ZERO; 64 * 64];
+        let mut known = vec![false; 64 * 64];
+        (texels[5 * 64 + 5], known[5 * 64 + 5]) = (Vec4::ONE, true);
+        fill(&mut texels, &known, 64);
         assert!(texels.iter().all(|t| *t == Vec4::ONE));
     }
 }

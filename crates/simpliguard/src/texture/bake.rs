@@ -6,11 +6,16 @@ use rayon::prelude::*;
 use super::Texel;
 use crate::bvh::{Bvh, Hit, barycentric};
 use crate::mesh::TriMesh;
+use crate::model::AlphaMode;
 use crate::render::{Footprint, Frame, SurfaceSample, SurfaceSampler};
 use crate::unwrap::Atlas;
 
 /// How far from the level the source is looked for, as a part of the frame's radius.
 const CAGE: f32 = 0.03;
+/// Most blended surfaces seen through one texel.
+const LAYERS: usize = 4;
+/// How far behind a blended surface the next may lie, in cages.
+const BEHIND: f32 = 8.0;
 
 /// Samples the source at every texel that a triangle covers: along the level's smooth normal, from outside inwards, the
 /// first surface within the cage that faces outwards; failing that, the nearest point.
@@ -41,26 +46,88 @@ pub fn bake(
             let b = texel.barycentric;
             let at = |values: &[Vec3]| values[corners[0]] * b.x + values[corners[1]] * b.y + values[corners[2]] * b.z;
             let (position, normal) = (at(&mesh.positions), at(&normals).normalize_or(Vec3::Y));
-            let hit = find(sampler, bvh, position, normal, cage)?;
-            Some(sample(sampler, &hit, texel_area[texel.triangle as usize]))
+            let eye = Eye { sampler, bvh, cage, area: texel_area[texel.triangle as usize] };
+            eye.look(position, normal)
         })
         .collect()
 }
 
-fn find(sampler: &SurfaceSampler<'_>, bvh: &Bvh, position: Vec3, normal: Vec3, cage: f32) -> Option<Hit> {
-    let surface = &sampler.model().surface;
-    let faces_outwards = |t: u32| {
-        let [a, b, c] = surface.triangles[t as usize].map(|v| surface.positions[v as usize]);
-        sampler.material(t as usize).double_sided || (b - a).cross(c - a).dot(normal) > 0.0
-    };
-    let from = position + normal * cage;
-    bvh.cast_where(from, -normal, 2.0 * cage, |t, _| faces_outwards(t)).or_else(|| bvh.closest(position, f32::INFINITY))
+/// Looks at the source around one texel.
+struct Eye<'a> {
+    sampler: &'a SurfaceSampler<'a>,
+    bvh: &'a Bvh,
+    cage: f32,
+    /// Area in space that the texel stands for.
+    area: f32,
 }
 
-fn sample(sampler: &SurfaceSampler<'_>, hit: &Hit, area: f32) -> SurfaceSample {
-    let surface = &sampler.model().surface;
-    let corners = surface.triangles[hit.triangle as usize].map(|v| surface.positions[v as usize]);
-    let [a, b, c] = corners;
-    let footprint = Footprint::new(area, 0.5 * (b - a).cross(c - a).length());
-    sampler.sample(hit.triangle as usize, Vec3::from(barycentric(hit.point, corners)), footprint)
+impl Eye<'_> {
+    /// What the texel at `position` shows: blended surfaces let through what lies behind them.
+    fn look(&self, position: Vec3, normal: Vec3) -> Option<SurfaceSample> {
+        let from = position + normal * self.cage;
+        let Some(hit) = self.cast(from, -normal, 2.0 * self.cage) else {
+            return Some(self.sample(&self.bvh.closest(position, f32::INFINITY)?));
+        };
+        let mut seen = self.sample(&hit);
+        let mut last = hit;
+        for _ in 1..LAYERS {
+            let alpha = seen.base_color.w;
+            let blended = self.sampler.material(last.triangle as usize).alpha_mode == AlphaMode::Blend;
+            if !blended || alpha > 0.99 {
+                break;
+            }
+            let start = last.point - normal * (1e-3 * self.cage);
+            let Some(next) = self.cast(start, -normal, BEHIND * self.cage) else { break };
+            seen = over(&seen, &self.sample(&next));
+            last = next;
+        }
+        Some(seen)
+    }
+
+    /// The first surface along a ray that faces its origin and is not cut out there.
+    fn cast(&self, from: Vec3, direction: Vec3, length: f32) -> Option<Hit> {
+        let surface = &self.sampler.model().surface;
+        self.bvh.cast_where(from, direction, length, |t, point| {
+            let t = t as usize;
+            let corners = surface.triangles[t].map(|v| surface.positions[v as usize]);
+            let [a, b, c] = corners;
+            let material = self.sampler.material(t);
+            if !material.double_sided && (b - a).cross(c - a).dot(direction) >= 0.0 {
+                return false;
+            }
+            match material.alpha_mode {
+                AlphaMode::Mask { cutoff } => {
+                    let b = Vec3::from(barycentric(point, corners));
+                    self.sampler.base_color(t, b, self.footprint(corners)).w >= cutoff
+                }
+                _ => true,
+            }
+        })
+    }
+
+    fn sample(&self, hit: &Hit) -> SurfaceSample {
+        let surface = &self.sampler.model().surface;
+        let corners = surface.triangles[hit.triangle as usize].map(|v| surface.positions[v as usize]);
+        let b = Vec3::from(barycentric(hit.point, corners));
+        self.sampler.sample(hit.triangle as usize, b, self.footprint(corners))
+    }
+
+    fn footprint(&self, [a, b, c]: [Vec3; 3]) -> Footprint {
+        Footprint::new(self.area, 0.5 * (b - a).cross(c - a).length())
+    }
+}
+
+/// A blended surface over what is behind it. The shape is that of the more solid one.
+fn over(front: &SurfaceSample, back: &SurfaceSample) -> SurfaceSample {
+    let alpha = front.base_color.w;
+    let mix = |front: f32, back: f32| front * alpha + back * (1.0 - alpha);
+    let color = front.base_color.truncate() * alpha + back.base_color.truncate() * (1.0 - alpha);
+    SurfaceSample {
+        base_color: color.extend(alpha + back.base_color.w * (1.0 - alpha)),
+        normal: if alpha > 0.5 { front.normal } else { back.normal },
+        occlusion: mix(front.occlusion, back.occlusion),
+        roughness: mix(front.roughness, back.roughness),
+        metallic: mix(front.metallic, back.metallic),
+        emissive: front.emissive * alpha + back.emissive * (1.0 - alpha),
+    }
 }

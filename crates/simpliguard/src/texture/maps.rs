@@ -5,7 +5,7 @@ use std::collections::HashMap;
 use glam::{Vec2, Vec3, Vec4, Vec4Swizzles};
 use image::{Rgb, RgbImage, Rgba, RgbaImage};
 
-use super::{GUTTER_STEPS, Texel, dilate};
+use super::{Texel, fill};
 use crate::mesh::TriMesh;
 use crate::model::{AlphaMode, Influences, LevelMaterial, LevelMesh, LevelTextures, linear_to_srgb};
 use crate::render::SurfaceSample;
@@ -63,14 +63,12 @@ pub fn maps(
             let [r, g, b] = base_color[i].xyz().to_array().map(to_byte);
             Rgba([r, g, b, alpha.as_ref().map_or(255, |a| to_byte(a[i].x))])
         }),
-        normal: channels
-            .normal
-            .then(|| painter.rgb(|i, s| encode_normal(mesh, texels[i], s.normal), Vec3::new(0.5, 0.5, 1.0))),
+        normal: channels.normal.then(|| painter.rgb(|i, s| encode_normal(mesh, texels[i], s.normal))),
         occlusion_roughness_metallic: varying
             .rough_metal
-            .then(|| painter.rgb(|_, s| Vec3::new(s.occlusion, s.roughness, s.metallic), Vec3::ONE)),
+            .then(|| painter.rgb(|_, s| Vec3::new(s.occlusion, s.roughness, s.metallic))),
         emissive: (varying.emissive != Vec3::ZERO)
-            .then(|| painter.rgb(|_, s| (s.emissive / varying.emissive).map(|c| linear_to_srgb(c)), Vec3::ZERO)),
+            .then(|| painter.rgb(|_, s| (s.emissive / varying.emissive).map(linear_to_srgb))),
     };
     (textures, varying)
 }
@@ -122,19 +120,18 @@ struct Painter<'a> {
 
 impl Painter<'_> {
     fn paint(&self, value: impl Fn(usize, &SurfaceSample) -> Vec4) -> Vec<Vec4> {
-        let mut known: Vec<bool> = self.samples.iter().map(Option::is_some).collect();
+        let known: Vec<bool> = self.samples.iter().map(Option::is_some).collect();
         let mut out: Vec<Vec4> =
             self.samples.iter().enumerate().map(|(i, s)| s.as_ref().map_or(Vec4::ZERO, |s| value(i, s))).collect();
-        dilate(&mut out, &mut known, self.size, GUTTER_STEPS);
+        fill(&mut out, &known, self.size);
         out
     }
 
-    fn rgb(&self, value: impl Fn(usize, &SurfaceSample) -> Vec3, elsewhere: Vec3) -> RgbImage {
+    fn rgb(&self, value: impl Fn(usize, &SurfaceSample) -> Vec3) -> RgbImage {
         let texels = self.paint(|i, s| value(i, s).extend(1.0));
         RgbImage::from_fn(self.size as u32, self.size as u32, |x, y| {
             let texel = texels[y as usize * self.size + x as usize];
-            let color = if texel.w > 0.0 { texel.xyz() } else { elsewhere };
-            Rgb(color.to_array().map(to_byte))
+            Rgb(texel.xyz().to_array().map(to_byte))
         })
     }
 }

@@ -9,7 +9,7 @@ mod atlas;
 mod bake;
 mod maps;
 
-pub use atlas::{Texel, dilate, texel_map};
+pub use atlas::{Texel, dilate, fill, texel_map};
 pub use bake::bake;
 pub use maps::{Channels, Varying, level_material, level_mesh, maps};
 

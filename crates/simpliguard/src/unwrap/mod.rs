@@ -61,7 +61,7 @@ impl Default for UnwrapParams {
 }
 
 /// Texture coordinates of every face of a mesh.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Default)]
 pub struct Atlas {
     /// Coordinates of the corners of each face in `[0, 1]`, origin at the top left; texel `x` has its centre at
     /// `(x + 0.5) / size`. Every face has positive signed area as `(u, v)` numbers.

@@ -1,0 +1,182 @@
+//! From a shape to a finished level: unwrap, texture, refine, rig.
+
+use glam::{Vec3, Vec4};
+use rayon::prelude::*;
+
+use crate::chain::LevelReport;
+use crate::clock::Clock;
+use crate::mesh::TriMesh;
+use crate::model::{Influences, Level, Model, linear_to_srgb};
+use crate::refine::{self, LowPoly, Refined};
+use crate::render::{Frame, SurfaceSample, SurfaceSampler, View};
+use crate::rig::{self, Transfer};
+use crate::settings::{BakeSettings, SkinTransfer};
+use crate::shape::{Deviation, Road, Shape};
+use crate::texture::{self, Channels, Texel};
+use crate::unwrap::{Atlas, UnwrapParams, unwrap};
+use crate::{Bvh, Context, Error, StageId};
+
+/// Largest texture during descent: a view resolves no more, and the last solution is at full size.
+const FITTED_SIZE: usize = 512;
+/// Vertex steps between two solutions of the texture.
+const RESOLVE_EVERY: u32 = 50;
+
+/// What all levels share.
+pub(crate) struct Shared<'a> {
+    pub(crate) model: &'a Model,
+    pub(crate) sampler: SurfaceSampler<'a>,
+    pub(crate) bvh: Bvh,
+    pub(crate) frame: Frame,
+    pub(crate) views: Vec<View>,
+    pub(crate) seed: u64,
+    pub(crate) settings: &'a BakeSettings,
+    pub(crate) context: &'a Context<'a>,
+    pub(crate) clock: &'a Clock,
+}
+
+/// A mesh with its place in the atlas.
+struct Canvas<'a> {
+    shared: &'a Shared<'a>,
+    atlas: &'a Atlas,
+    size: usize,
+    texels: Vec<Option<Texel>>,
+}
+
+/// Makes level `number` (from 1) of `budget` faces from its shape.
+pub(crate) fn make_level(
+    shared: &Shared<'_>,
+    number: u32,
+    budget: u32,
+    shape: &Shape,
+    deviation: &Deviation,
+) -> Result<(Level, LevelReport), Error> {
+    let Shared { model, settings, context, clock, .. } = *shared;
+    context.check(&model.name)?;
+    let size = texture_size(settings, budget) as usize;
+    let params = UnwrapParams { size: size as u32, gutter: settings.gutter };
+    context.report(StageId::Unwrap, Some(number as usize), 0.4);
+    let atlas = clock.time(StageId::Unwrap, || unwrap(&shape.mesh, None, &params));
+    let canvas = Canvas::new(shared, &atlas, size);
+    let Fitted { low, refined, alpha } = fit(shared, &canvas, shape, number, budget)?;
+    let mesh = low.mesh();
+    context.report(StageId::Texture, Some(number as usize), 0.85);
+    let samples = clock.time(StageId::Texture, || canvas.bake(&mesh));
+    let (low, psnr) = clock.time(StageId::Refine, || canvas.finish(low, &samples));
+    let refined = Refined { psnr, ..refined };
+
+    context.report(StageId::Rig, Some(number as usize), 0.9);
+    let influences = clock.time(StageId::Rig, || influences(shared, &mesh));
+    let unlit = model.materials.iter().all(|m| m.unlit);
+    let channels = Channels { normal: settings.normal_map && !unlit, alpha };
+    let (mesh, textures, material) = clock.time(StageId::Texture, || {
+        let mesh = texture::level_mesh(&mesh, &atlas, &influences, channels.normal);
+        let (textures, varying) = texture::maps(&mesh, &canvas.texels, &samples, &low.texels, size, channels);
+        (mesh, textures, texture::level_material(&varying, alpha, low.double_sided, unlit))
+    });
+    let faces = mesh.triangles.len() as u32;
+    let report = LevelReport {
+        level: number,
+        budget,
+        faces,
+        stopped: (f64::from(faces) < 0.98 * f64::from(budget))
+            .then(|| "small parts vanish several faces at a time, and the next would be one too many".to_owned()),
+        candidate: shape.road.to_string(),
+        error: deviation.percentile_95,
+        deviation: *deviation,
+        charts: atlas.charts as u32,
+        fill: atlas.fill,
+        refined,
+    };
+    Ok((Level { budget, error: deviation.percentile_95, mesh, material, textures }, report))
+}
+
+/// A level's mesh with its vertices where they stay.
+struct Fitted {
+    low: LowPoly,
+    refined: Refined,
+    /// It is a cut-out.
+    alpha: bool,
+}
+
+/// Descends on the vertices with a texture of at most [`FITTED_SIZE`].
+fn fit(shared: &Shared<'_>, full: &Canvas<'_>, shape: &Shape, number: u32, budget: u32) -> Result<Fitted, Error> {
+    let Shared { model, settings, context, clock, .. } = *shared;
+    let small = Canvas::new(shared, full.atlas, full.size.min(FITTED_SIZE));
+    context.report(StageId::Texture, Some(number as usize), 0.45);
+    let (mut low, alpha) = clock.time(StageId::Texture, || {
+        let samples = small.bake(&shape.mesh);
+        let alpha = is_cut_out(shape, &samples);
+        let (texels, covered) = initial_texture(&samples, small.size);
+        (LowPoly::new(&shape.mesh, full.atlas, shape.double_sided || alpha, small.size, texels, covered), alpha)
+    });
+    context.report(StageId::Refine, Some(number as usize), 0.5);
+    let params = refine::Params {
+        // A cut-out's outline is in its texture, not at its vertices.
+        steps: if alpha { 0 } else { settings.refine_steps },
+        step_length: settings.step_length,
+        smoothness: settings.texture_smoothness,
+        resolve_every: RESOLVE_EVERY,
+        seed: shared.seed ^ u64::from(budget),
+    };
+    let refined = clock.time(StageId::Refine, || {
+        refine::refine(&mut low, &shared.views, shared.frame.radius, &params, &model.name, context)
+    })?;
+    Ok(Fitted { low, refined, alpha })
+}
+
+impl<'a> Canvas<'a> {
+    fn new(shared: &'a Shared<'a>, atlas: &'a Atlas, size: usize) -> Self {
+        Self { shared, atlas, size, texels: texture::texel_map(atlas, size) }
+    }
+
+    fn bake(&self, mesh: &TriMesh) -> Vec<Option<SurfaceSample>> {
+        let Shared { sampler, bvh, frame, .. } = self.shared;
+        texture::bake(sampler, bvh, frame, mesh, self.atlas, &self.texels, self.size)
+    }
+
+    /// The texture at full size: baked anew on the final vertices, then fitted to the views, unless it has one colour.
+    fn finish(&self, low: LowPoly, samples: &[Option<SurfaceSample>]) -> (LowPoly, f32) {
+        let (texels, covered) = initial_texture(samples, self.size);
+        let mut low = low.retextured(self.atlas, self.size, texels, covered);
+        let smoothness = self.shared.settings.texture_smoothness;
+        let solve = !is_uniform(samples);
+        let psnr = refine::fit_texture(&mut low, &self.shared.views, smoothness, solve);
+        (low, psnr)
+    }
+}
+
+fn influences(shared: &Shared<'_>, mesh: &TriMesh) -> Vec<Influences> {
+    let method = match shared.settings.skin_transfer {
+        SkinTransfer::ClosestSurface => Transfer::default(),
+        SkinTransfer::NearestVertices => Transfer::NearestVertices { k: 4 },
+    };
+    rig::transfer(shared.model, &shared.bvh, mesh, &mesh.vertex_normals(), method).0
+}
+
+/// Levels of at most 1,000 faces are seen from afar: half the texture is enough.
+fn texture_size(settings: &BakeSettings, budget: u32) -> u32 {
+    if budget <= 1000 { (settings.texture_size / 2).max(64) } else { settings.texture_size }
+}
+
+/// Whether the level is a cut-out: it consists of the source's own triangles, and a good part of what they show is see-through.
+fn is_cut_out(shape: &Shape, samples: &[Option<SurfaceSample>]) -> bool {
+    let clear = samples.iter().flatten().filter(|s| s.base_color.w < 0.5).count();
+    shape.road == Road::Source && 20 * clear > samples.iter().flatten().count()
+}
+
+/// Encoded colours with their gutters, and which texels a triangle covers.
+fn initial_texture(samples: &[Option<SurfaceSample>], size: usize) -> (Vec<Vec4>, Vec<bool>) {
+    let covered: Vec<bool> = samples.iter().map(Option::is_some).collect();
+    let encoded = |s: &SurfaceSample| Vec3::from(s.base_color.truncate()).map(linear_to_srgb).extend(1.0);
+    let mut texels: Vec<Vec4> =
+        samples.par_iter().with_min_len(4096).map(|s| s.as_ref().map_or(Vec4::ZERO, encoded)).collect();
+    texture::fill(&mut texels, &covered, size);
+    (texels, covered)
+}
+
+/// Whether every texel has the same base colour, to half a step of eight bits.
+fn is_uniform(samples: &[Option<SurfaceSample>]) -> bool {
+    let mut colors = samples.iter().flatten().map(|s| s.base_color);
+    let first = colors.next().unwrap_or_default();
+    colors.all(|c| (c - first).abs().max_element() < 0.5 / 255.0)
+}
