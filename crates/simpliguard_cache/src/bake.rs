@@ -73,3 +73,55 @@ impl BakeResult {
         Some(Self { combined: combined?, report: report?, levels, sheet })
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use simpliguard::{NoResources, RelativeUri, Resources, Status};
+
+    use super::*;
+
+    const GLTF: &[u8] = br#"{"asset":{"version":"2.0"},"buffers":[{"uri":"a.bin","byteLength":4}]}"#;
+
+    struct OneFile(&'static [u8]);
+
+    impl Resources for OneFile {
+        fn read(&self, uri: &RelativeUri) -> Result<bytes::Bytes, String> {
+            if uri.as_str() == "a.bin" { Ok(bytes::Bytes::from_static(self.0)) } else { Err("none".into()) }
+        }
+    }
+
+    fn key(name: &str, resources: &dyn Resources, settings: &BakeSettings) -> Key {
+        bake_key(&Source { name, bytes: GLTF, resources }, settings).expect("a glTF")
+    }
+
+    #[test]
+    fn the_key_follows_external_files_and_settings_but_no_name() {
+        let settings = BakeSettings::default();
+        let base = key("a.gltf", &OneFile(b"1234"), &settings);
+        assert_eq!(base, key("elsewhere/b.gltf", &OneFile(b"1234"), &settings));
+        assert_ne!(base, key("a.gltf", &OneFile(b"1235"), &settings));
+        assert_ne!(base, key("a.gltf", &NoResources, &settings));
+        let changed = BakeSettings { gutter: 2, ..settings };
+        assert_ne!(base, key("a.gltf", &OneFile(b"1234"), &changed));
+    }
+
+    #[test]
+    fn a_result_survives_storage_but_for_its_times() {
+        let report = Report {
+            status: Status::Baked,
+            source_faces: 9,
+            levels: Vec::new(),
+            notes: vec!["a note".into()],
+            seconds: vec![("shape".into(), 1.5)],
+        };
+        let levels = vec![(1000, vec![1]), (2000, vec![2])];
+        let result = BakeResult { combined: vec![0], levels, sheet: Some(vec![3]), report };
+        let entry = result.to_entry("cpu").expect("serialises");
+        let found = BakeResult::from_entry(entry.clone()).expect("a bake");
+        assert_eq!((&found.combined, &found.levels, &found.sheet), (&result.combined, &result.levels, &result.sheet));
+        assert_eq!(found.report, Report { seconds: Vec::new(), ..result.report });
+        let mut partial = entry;
+        partial.objects.retain(|(name, _)| name != REPORT);
+        assert!(BakeResult::from_entry(partial).is_none());
+    }
+}

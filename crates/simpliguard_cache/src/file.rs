@@ -4,9 +4,18 @@ use std::fs;
 use std::io::{self, Write};
 use std::path::Path;
 
-/// Writes `bytes` to a temporary file in the folder of `path`, syncs it and renames it to `path`. Makes the folder if
-/// need be. If anything fails, `path` is as it was.
-pub fn write_atomic(path: &Path, bytes: &[u8]) -> io::Result<()> {
+/// What a file must outlive.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Durability {
+    /// The end of the process.
+    Process,
+    /// A loss of power: the file is on the disk before it gets its name.
+    PowerLoss,
+}
+
+/// Writes `bytes` to a temporary file in the folder of `path` and renames it to `path`. Makes the folder if need be. If
+/// anything fails, `path` is as it was.
+pub fn write_atomic(path: &Path, bytes: &[u8], durability: Durability) -> io::Result<()> {
     let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
     fs::create_dir_all(folder)?;
     let mut builder = tempfile::Builder::new();
@@ -19,7 +28,9 @@ pub fn write_atomic(path: &Path, bytes: &[u8]) -> io::Result<()> {
     }
     let mut file = builder.tempfile_in(folder)?;
     file.write_all(bytes)?;
-    file.as_file().sync_all()?;
+    if durability == Durability::PowerLoss {
+        file.as_file().sync_all()?;
+    }
     persist(file, path)
 }
 
@@ -53,8 +64,8 @@ mod tests {
     fn the_file_is_replaced_and_nothing_else_stays() {
         let dir = tempfile::tempdir().expect("tempdir");
         let path = dir.path().join("a/b.bin");
-        write_atomic(&path, b"one").expect("writes");
-        write_atomic(&path, b"two").expect("replaces");
+        write_atomic(&path, b"one", Durability::PowerLoss).expect("writes");
+        write_atomic(&path, b"two", Durability::Process).expect("replaces");
         assert_eq!(fs::read(&path).expect("reads"), b"two");
         assert_eq!(fs::read_dir(dir.path().join("a")).expect("lists").count(), 1);
     }
@@ -64,7 +75,7 @@ mod tests {
     fn others_may_read_what_the_umask_allows() {
         use std::os::unix::fs::PermissionsExt;
         let dir = tempfile::tempdir().expect("tempdir");
-        write_atomic(&dir.path().join("ours"), b"").expect("writes");
+        write_atomic(&dir.path().join("ours"), b"", Durability::Process).expect("writes");
         fs::write(dir.path().join("plain"), b"").expect("writes");
         let mode = |name| fs::metadata(dir.path().join(name)).expect("exists").permissions().mode();
         assert_eq!(mode("ours"), mode("plain"));

@@ -7,7 +7,7 @@ use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 
 use serde::{Deserialize, Serialize};
 
-use crate::{Key, write_atomic};
+use crate::{Durability, Key, write_atomic};
 
 /// Format of the records.
 const RECORD_VERSION: u32 = 1;
@@ -214,5 +214,9 @@ fn read(path: &Path) -> Result<Option<Vec<u8>>, StorageError> {
 }
 
 fn write(path: &Path, bytes: &[u8]) -> Result<(), StorageError> {
-    write_atomic(path, bytes).map_err(|source| StorageError::Io { action: "write", path: path.to_owned(), source })
+    write_atomic(path, bytes, Durability::PowerLoss).map_err(|source| StorageError::Io {
+        action: "write",
+        path: path.to_owned(),
+        source,
+    })
 }

@@ -11,7 +11,7 @@ use rayon::{ThreadPool, ThreadPoolBuilder};
 use simpliguard::gltf::export_level;
 use simpliguard::settings::BakeSettings;
 use simpliguard::{Context, Error, Source, StageId};
-use simpliguard_cache::{BakeResult, Cache, Key, Lookup, bake_key, place, write_atomic};
+use simpliguard_cache::{BakeResult, Cache, Durability, Key, Lookup, bake_key, place, write_atomic};
 use simpliguard_eval::contact_sheet;
 
 use crate::UsageError;
@@ -166,7 +166,7 @@ impl<'a> Session<'a> {
             return Ok(());
         }
         let _hold = self.interrupt.hold();
-        write_atomic(path, bytes).map_err(|e| {
+        write_atomic(path, bytes, Durability::Process).map_err(|e| {
             let found = format!("cannot write {}: {e}", path.display());
             Error::invalid(&job.name, StageId::Export, found, "check the folder and the space on its disk")
         })
