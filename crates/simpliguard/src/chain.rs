@@ -6,14 +6,16 @@ use serde::{Deserialize, Serialize};
 
 use crate::clock::Clock;
 use crate::gltf::{self, ExportOptions, Limits};
-use crate::model::{AlphaMode, Level, Model, linear_to_srgb};
+use crate::mesh::TriMesh;
+use crate::model::{AlphaMode, Influences, Level, Model, linear_to_srgb};
 use crate::refine::{self, LowPoly, Refined};
 use crate::render::{Frame, SurfaceSampler, View, take_views, viewpoints};
-use crate::settings::{BakeSettings, Candidates, ExistingLods, Resolution};
+use crate::rig::{self, Transfer};
+use crate::settings::{BakeSettings, Candidates, ExistingLods, Resolution, SkinTransfer};
 use crate::shape::{self, Deviation, Road, Shape};
 use crate::texture::{self, Channels};
 use crate::unwrap::{UnwrapParams, unwrap};
-use crate::{Bvh, Context, Error, Source, StageId, reconstruct, rig};
+use crate::{Bvh, Context, Error, Source, StageId, reconstruct};
 
 /// Part of every cache key: raised whenever the output of any stage changes for equal input and settings.
 pub const PIPELINE_VERSION: &str = "1";
@@ -262,9 +264,7 @@ fn make_level(
     let texels = texture::texel_map(&atlas, size);
 
     context.report(StageId::Texture, Some(number as usize), 0.45);
-    let bake = |mesh: &crate::mesh::TriMesh| {
-        texture::bake(&shared.sampler, &shared.bvh, &shared.frame, mesh, &atlas, &texels, size)
-    };
+    let bake = |mesh: &TriMesh| texture::bake(&shared.sampler, &shared.bvh, &shared.frame, mesh, &atlas, &texels, size);
     let alpha = wants_alpha(model, shape);
     let (initial, covered) = clock.time(StageId::Texture, || initial_texture(&bake(&shape.mesh), size));
     let mut low = LowPoly::new(&shape.mesh, &atlas, shape.double_sided || alpha, size, initial, covered);
@@ -284,7 +284,7 @@ fn make_level(
 
     let mesh = low.mesh();
     context.report(StageId::Rig, Some(number as usize), 0.9);
-    let influences = clock.time(StageId::Rig, || rig::transfer(model, &shared.bvh, &mesh, settings.skin_transfer));
+    let influences = clock.time(StageId::Rig, || influences(shared, &mesh));
     let unlit = model.materials.iter().all(|m| m.unlit);
     let channels = Channels { normal: settings.normal_map && !unlit, alpha };
     let (mesh, textures, material) = clock.time(StageId::Texture, || {
@@ -308,6 +308,14 @@ fn make_level(
         refined,
     };
     Ok((Level { budget, error: deviation.percentile_95, mesh, material, textures }, report))
+}
+
+fn influences(shared: &Shared<'_>, mesh: &TriMesh) -> Vec<Influences> {
+    let method = match shared.settings.skin_transfer {
+        SkinTransfer::ClosestSurface => Transfer::default(),
+        SkinTransfer::NearestVertices => Transfer::NearestVertices { k: 4 },
+    };
+    rig::transfer(shared.model, &shared.bvh, mesh, &mesh.vertex_normals(), method).0
 }
 
 /// Levels of at most 1,000 faces are seen from afar: half the texture is enough.

@@ -1,15 +1,18 @@
 //! `simpliguard bake`: one model after another, each on all threads.
 
 use std::fs;
+use std::io::Cursor;
 use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::time::Instant;
 
+use image::{ImageFormat, RgbImage};
 use rayon::{ThreadPool, ThreadPoolBuilder};
 use simpliguard::gltf::export_level;
 use simpliguard::settings::BakeSettings;
 use simpliguard::{Context, Error, Source, StageId};
 use simpliguard_cache::{BakeResult, Cache, Key, Lookup, bake_key, place, write_atomic};
+use simpliguard_eval::contact_sheet;
 
 use crate::UsageError;
 use crate::args::BakeArgs;
@@ -17,7 +20,7 @@ use crate::console::{self, AssetProgress};
 use crate::interrupt::Interrupt;
 use crate::plan::{Job, plan};
 use crate::source::SourceFile;
-use crate::summary::{self, Outcome};
+use crate::summary::{self, Outcome, Written};
 
 /// What computes a result; part of its record, not of its key.
 const MADE_BY: &str = "cpu";
@@ -51,13 +54,13 @@ impl<'a> Session<'a> {
 
     fn bake(&self, job: &Job, progress: AssetProgress) -> Outcome {
         let start = Instant::now();
-        let written = job.settings.as_ref().map_err(ToString::to_string).and_then(|settings| {
+        let result = job.settings.as_ref().map_err(ToString::to_string).and_then(|settings| {
             let (result, cached) = self.result(job, settings, &progress).map_err(|e| e.to_string())?;
-            let paths = self.write(job, &result).map_err(|e| e.to_string())?;
-            Ok((result.report, cached, paths))
+            let written = self.write(job, &result).map_err(|e| e.to_string())?;
+            Ok((result.report, cached, written))
         });
-        let outcome = match written {
-            Ok((report, cached, paths)) => Outcome::done(job, report, cached, paths, start.elapsed()),
+        let outcome = match result {
+            Ok((report, cached, written)) => Outcome::done(job, report, cached, written, start.elapsed()),
             Err(error) => Outcome::failed(job, error, start.elapsed()),
         };
         progress.finish(&outcome.line());
@@ -75,7 +78,8 @@ impl<'a> Session<'a> {
         let source = file.source();
         let key = bake_key(&source, settings)?;
         let cache = self.cache(job);
-        if let Some(result) = cache.as_ref().and_then(|cache| self.look_up(cache, &key)) {
+        let found = cache.as_ref().and_then(|cache| self.look_up(cache, &key));
+        if let Some(result) = found.filter(|result| self.suffices(result)) {
             return Ok((result, true));
         }
         let result = self.compute(&source, settings, progress)?;
@@ -103,6 +107,11 @@ impl<'a> Session<'a> {
         }
     }
 
+    /// A sheet needs the levels as they were in memory, so a result that was made without one is baked again.
+    fn suffices(&self, result: &BakeResult) -> bool {
+        !self.args.sheet || result.sheet.is_some() || result.levels.is_empty()
+    }
+
     fn store(&self, cache: &Cache, key: &Key, result: &BakeResult) {
         let _hold = self.interrupt.hold();
         let stored = result.to_entry(MADE_BY).map_err(|e| e.to_string());
@@ -118,7 +127,8 @@ impl<'a> Session<'a> {
         settings: &BakeSettings,
         progress: &AssetProgress,
     ) -> Result<BakeResult, Error> {
-        let chain = || catch_unwind(AssertUnwindSafe(|| run_chain(source, settings, progress)));
+        let sheet = self.args.sheet;
+        let chain = || catch_unwind(AssertUnwindSafe(|| run_chain(source, settings, sheet, progress)));
         let result = match &self.pool {
             Some(pool) => pool.install(chain),
             None => chain(),
@@ -131,18 +141,23 @@ impl<'a> Session<'a> {
         })
     }
 
-    /// Writes the files that were asked for; the path of each level's own file, in the order of the levels.
-    fn write(&self, job: &Job, result: &BakeResult) -> Result<Vec<PathBuf>, Error> {
+    /// Writes the files that were asked for.
+    fn write(&self, job: &Job, result: &BakeResult) -> Result<Written, Error> {
+        let mut written = Written::default();
         self.write_file(job, &job.combined_path(), &result.combined)?;
-        let mut paths = Vec::new();
         if self.args.split_levels {
             for (budget, glb) in &result.levels {
                 let path = job.level_path(*budget);
                 self.write_file(job, &path, glb)?;
-                paths.push(path);
+                written.levels.push(path);
             }
         }
-        Ok(paths)
+        if let (true, Some(png)) = (self.args.sheet, &result.sheet) {
+            let path = job.sheet_path();
+            self.write_file(job, &path, png)?;
+            written.sheet = Some(path);
+        }
+        Ok(written)
     }
 
     fn write_file(&self, job: &Job, path: &Path, bytes: &[u8]) -> Result<(), Error> {
@@ -158,14 +173,30 @@ impl<'a> Session<'a> {
     }
 }
 
-fn run_chain(source: &Source<'_>, settings: &BakeSettings, progress: &AssetProgress) -> Result<BakeResult, Error> {
+fn run_chain(
+    source: &Source<'_>,
+    settings: &BakeSettings,
+    sheet: bool,
+    progress: &AssetProgress,
+) -> Result<BakeResult, Error> {
     let context = Context { progress: Some(progress), ..Context::default() };
     let baked = simpliguard::bake(source, settings, &context)?;
-    let mut levels = Vec::with_capacity(baked.levels.len());
+    let (mut levels, mut picture) = (Vec::with_capacity(baked.levels.len()), None);
     if let Some(model) = &baked.model {
         for level in &baked.levels {
             levels.push((level.budget, export_level(model, level)?));
         }
+        if sheet && !levels.is_empty() {
+            picture = Some(png(source.name, &contact_sheet(model, &baked.levels))?);
+        }
     }
-    Ok(BakeResult { combined: baked.glb, levels, sheet: None, report: baked.report })
+    Ok(BakeResult { combined: baked.glb, levels, sheet: picture, report: baked.report })
+}
+
+fn png(asset: &str, image: &RgbImage) -> Result<Vec<u8>, Error> {
+    let mut bytes = Vec::new();
+    image.write_to(&mut Cursor::new(&mut bytes), ImageFormat::Png).map_err(|e| {
+        Error::invalid(asset, StageId::Export, format!("the contact sheet cannot be encoded: {e}"), "omit --sheet")
+    })?;
+    Ok(bytes)
 }

@@ -26,12 +26,22 @@ pub(crate) struct Outcome {
     cached: bool,
     error: Option<String>,
     levels: Vec<Level>,
+    /// The contact sheet; null if there is none.
+    sheet: Option<String>,
     /// What the user should know about the result.
     notes: Vec<String>,
     /// Time of each stage; empty if nothing was baked.
     seconds: BTreeMap<String, f64>,
     /// From reading the file to having written the results.
     seconds_total: f64,
+}
+
+/// Files beside the combined one.
+#[derive(Debug, Default)]
+pub(crate) struct Written {
+    /// The levels' own files in their order, or none.
+    pub(crate) levels: Vec<PathBuf>,
+    pub(crate) sheet: Option<PathBuf>,
 }
 
 #[derive(Debug, Serialize)]
@@ -49,13 +59,12 @@ struct Document<'a> {
 }
 
 impl Outcome {
-    /// `paths` are the levels' own files, or empty.
-    pub(crate) fn done(job: &Job, report: Report, cached: bool, paths: Vec<PathBuf>, elapsed: Duration) -> Self {
-        let mut paths = paths.into_iter().map(|path| path.display().to_string());
+    pub(crate) fn done(job: &Job, report: Report, cached: bool, written: Written, elapsed: Duration) -> Self {
+        let mut paths = written.levels.into_iter().map(|path| path.display().to_string());
         let levels = report.levels.into_iter().map(|report| Level { report, path: paths.next() }).collect();
         let mut seconds = BTreeMap::new();
         for (stage, time) in report.seconds {
-            *seconds.entry(stage.to_string()).or_default() += time;
+            *seconds.entry(stage).or_default() += time;
         }
         Self {
             input: job.name.clone(),
@@ -70,6 +79,7 @@ impl Outcome {
             cached,
             error: None,
             levels,
+            sheet: written.sheet.map(|path| path.display().to_string()),
             notes: report.notes,
             seconds,
             seconds_total: elapsed.as_secs_f64(),
@@ -84,6 +94,7 @@ impl Outcome {
             cached: false,
             error: Some(error),
             levels: Vec::new(),
+            sheet: None,
             notes: Vec::new(),
             seconds: BTreeMap::new(),
             seconds_total: elapsed.as_secs_f64(),

@@ -5,7 +5,7 @@ use image::{Rgba, RgbaImage};
 
 use super::raster::{NOTHING, Raster, Rect, barycentric_at, barycentric_coefficients, pixel_to_ndc, to_pixels};
 use super::{Camera, Footprint, SurfaceSampler};
-use crate::model::{AlphaMode, Model, linear_to_srgb};
+use crate::model::{AlphaMode, linear_to_srgb};
 
 /// How a picture is lit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -225,7 +225,7 @@ fn encode(c: f32) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::{Material, Surface};
+    use crate::model::{Material, Model, Surface};
     use crate::render::Frame;
 
     fn card(materials: Vec<Material>) -> Model {

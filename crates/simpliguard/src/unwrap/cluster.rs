@@ -19,7 +19,7 @@ const MOST_DEVIATION: f64 = 0.25;
 const CONE: f64 = 0.17;
 
 /// Cost of raggedness beside deviation; decides where the surface is flat.
-const SHAPE_WEIGHT: f64 = 0.01;
+const SHAPE_WEIGHT: f64 = 0.2;
 
 /// Largest squared perimeter over `4 pi` areas (1 for a disc, 2 for a strip of four squares) of a region that is more
 /// than [`LARGE`] of the surface: ragged charts leave holes in the atlas.
@@ -27,6 +27,12 @@ const MOST_RAGGED: f64 = 4.0;
 
 /// Part of the surface above which a region's shape is bounded.
 const LARGE: f64 = 0.01;
+
+/// Part of the surface above which a region must be [`FLAT`]: a handful of big round charts packs badly.
+const MOST_AREA: f64 = 0.06;
+
+/// Mean deviation of a region that counts as flat.
+const FLAT: f64 = 0.01;
 
 struct Region {
     faces: Vec<u32>,
@@ -121,7 +127,7 @@ fn merge_cost(surface: &Surface, a: &Region, b: &Region, shared: &[u32]) -> Opti
     let seam: f64 = shared.iter().map(|&h| surface.length[h as usize]).sum();
     let perimeter = (a.perimeter + b.perimeter - 2.0 * seam).max(0.0);
     let raggedness = perimeter * perimeter / (4.0 * std::f64::consts::PI * area);
-    if area > LARGE && raggedness > MOST_RAGGED {
+    if area > LARGE && raggedness > MOST_RAGGED || area > MOST_AREA && deviation > FLAT {
         return None;
     }
     let density = (a.texels / a.area).max(b.texels / b.area) / (a.texels / a.area).min(b.texels / b.area);
@@ -191,8 +197,8 @@ mod tests {
     }
 
     #[test]
-    fn a_cylinder_keeps_its_caps_and_few_strips() {
+    fn a_cylinder_falls_into_caps_and_strips() {
         let charts = cluster(&Surface::new(&cylinder(24), None));
-        assert!((4..=6).contains(&charts.len()), "{}", charts.len());
+        assert!((4..=16).contains(&charts.len()), "{}", charts.len());
     }
 }

@@ -27,6 +27,12 @@ const MOST_DENSITY_RATIO: f64 = 1.5;
 /// surface: ragged unions cost more in packing than their seam saves.
 const MOST_WASTE: [f64; 2] = [0.05, 0.004];
 
+/// Part of the surface above which a union may not waste more than its charts.
+const LARGE: f64 = 0.05;
+
+/// Part of its bounding box that a union may always fill.
+const LEAST_BOX_FILL: f64 = 0.75;
+
 /// Joins pairs until none is left that fits.
 pub(super) fn join(surface: &Surface, charts: Vec<FlatChart>, limits: &Limits) -> Vec<FlatChart> {
     let mut charts: Vec<Option<FlatChart>> = charts.into_iter().map(Some).collect();
@@ -60,8 +66,11 @@ fn union(surface: &Surface, a: &FlatChart, b: &FlatChart, limits: &Limits) -> Op
     let chart = Chart::new(surface, faces);
     let uv = parametrise(surface, &chart, limits)?;
     let union = FlatChart { chart, uv };
-    let allowed = MOST_WASTE[0] * area(surface, &union) + MOST_WASTE[1];
-    (waste(surface, &union) <= waste(surface, a) + waste(surface, b) + allowed).then_some(union)
+    let (area, box_area) = (area(surface, &union), smallest_box(&union.uv).area);
+    let allowed = if area > LARGE { 0.0 } else { MOST_WASTE[0] * area + MOST_WASTE[1] };
+    let packs_well =
+        area >= LEAST_BOX_FILL * box_area || box_area - area <= waste(surface, a) + waste(surface, b) + allowed;
+    packs_well.then_some(union)
 }
 
 fn area(surface: &Surface, flat: &FlatChart) -> f64 {

@@ -39,7 +39,7 @@ pub use raster::{flips, overlaps};
 const SPLIT_STRETCH: f64 = 1.3;
 
 /// Stretch up to which two charts are joined.
-const JOIN_STRETCH: f64 = 1.12;
+const JOIN_STRETCH: f64 = 1.06;
 
 /// Least height of a face in the atlas as a fraction of the atlas side: some hundred steps of `f32`.
 const LEAST_HEIGHT: f64 = 1e-5;

@@ -134,7 +134,7 @@ fn closed_meshes_and_handles_are_cut_into_few_charts() {
     for (mesh, most) in [(tetrahedron(), 4), (cylinder(32), 4), (sphere(3), 12), (torus(32, 16), 16)] {
         let atlas = check(&mesh, &UnwrapParams::default());
         assert!(atlas.charts <= most && atlas.stretch < 1.15, "{} {}", atlas.charts, atlas.stretch);
-        assert!(atlas.fill > 0.45 || mesh.triangles.len() < 5, "{}", atlas.fill);
+        assert!(atlas.fill > 0.5 || mesh.triangles.len() < 5, "{}", atlas.fill);
     }
 }
 
@@ -152,7 +152,8 @@ fn a_moebius_band_is_cut_where_its_sides_meet() {
         let [c, d] = if i == 15 { [1, 0] } else { [2 * i + 2, 2 * i + 3] };
         mesh.triangles.extend([[a, c, b], [b, c, d]]);
     }
-    assert!(check(&mesh, &UnwrapParams::default()).charts <= 4);
+    let atlas = check(&mesh, &UnwrapParams::default());
+    assert!(atlas.charts <= 8, "{}", atlas.charts);
 }
 
 #[test]

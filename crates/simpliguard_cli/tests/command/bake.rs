@@ -5,7 +5,18 @@ use std::path::Path;
 
 use crate::folder::{Folder, sphere, triangle};
 
-const QUICK: [&str; 6] = ["--quality", "draft", "--set", "texture_size=64", "--set", "views=8"];
+const QUICK: [&str; 10] = [
+    "--quality",
+    "draft",
+    "--set",
+    "texture_size=64",
+    "--set",
+    "views=8",
+    "--set",
+    "view_size=128",
+    "--set",
+    "candidates=source",
+];
 
 fn quick(folder: &Folder, args: &[&str]) -> crate::folder::Run {
     folder.bake(&[args, &QUICK].concat())
@@ -123,4 +134,21 @@ fn an_interrupt_ends_with_130_within_a_second_and_leaves_nothing() {
     assert_eq!(code, Some(130));
     assert!(start.elapsed() < Duration::from_secs(1));
     assert!(!folder.path("lods").exists());
+}
+
+#[test]
+fn a_contact_sheet_is_made_once_and_kept() {
+    let folder = Folder::new().with("ball.glb", sphere(16));
+    let bake = |flag: &[&str]| {
+        let run = quick(&folder, &[&["ball.glb", "--json", "--faces", "100"], flag].concat());
+        assert_eq!(run.code, 0, "{}", run.stderr);
+        run.json()["assets"][0].clone()
+    };
+    assert!(bake(&[])["sheet"].is_null());
+    assert_eq!(bake(&["--sheet"])["sheet"], "lods/ball_sheet.png");
+    let png = fs::read(folder.path("lods/ball_sheet.png")).expect("reads");
+    assert!(png.starts_with(b"\x89PNG"));
+    fs::remove_file(folder.path("lods/ball_sheet.png")).expect("removes");
+    assert_eq!(bake(&["--sheet"])["status"], "hit");
+    assert!(fs::read(folder.path("lods/ball_sheet.png")).expect("reads") == png);
 }

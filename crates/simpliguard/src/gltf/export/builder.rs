@@ -74,8 +74,6 @@ pub(super) struct Builder {
     pub(super) asset: String,
     /// The document; `buffers[0]` is written by [`Self::into_glb`].
     pub(super) json: Map<String, Value>,
-    /// Buffers without data that follow buffer 0 (`EXT_meshopt_compression` fallbacks).
-    pub(super) fallback_buffers: Vec<Value>,
     /// Contents of buffer 0.
     pub(super) bin: Vec<u8>,
 }
@@ -145,13 +143,9 @@ impl Builder {
 
     /// The binary glTF.
     pub(super) fn into_glb(mut self) -> Result<Vec<u8>, Error> {
-        let mut buffers = std::mem::take(&mut self.fallback_buffers);
-        if !self.bin.is_empty() {
-            buffers.insert(0, json!({ "byteLength": self.bin.len() }));
-        }
         self.json.remove("buffers");
-        if !buffers.is_empty() {
-            self.json.insert("buffers".into(), Value::Array(buffers));
+        if !self.bin.is_empty() {
+            self.json.insert("buffers".into(), json!([{ "byteLength": self.bin.len() }]));
         }
         self.json.retain(|_, value| !matches!(value, Value::Array(all) if all.is_empty()));
         let mut json = serde_json::to_vec(&self.json)

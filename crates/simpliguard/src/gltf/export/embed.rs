@@ -1,24 +1,12 @@
 //! The source document as the front of the output: every index kept, every byte in one buffer.
 
+use bytes::Bytes;
 use serde_json::{Map, Value, json};
 
 use super::builder::{Builder, Kind, Target, append_aligned, index, indices};
 use super::fault;
 use crate::Error;
 use crate::model::{Document, Model};
-
-/// Extensions that compress a buffer view: they hold a second reference into a buffer, and leave the uncompressed
-/// data to a buffer without bytes.
-const COMPRESSED_VIEWS: [&str; 2] = ["EXT_meshopt_compression", "KHR_meshopt_compression"];
-
-/// Where the bytes of a source buffer went.
-#[derive(Clone, Copy)]
-enum Place {
-    /// Into buffer 0, from this offset on.
-    Chunk(usize),
-    /// Nowhere: it is a fallback without data, now at this index.
-    Fallback(usize),
-}
 
 /// The source's document with all buffers merged and all images that were read embedded. External images that could
 /// not be read keep their URI.
@@ -27,25 +15,13 @@ pub(super) fn embed(model: &Model) -> Result<Builder, Error> {
     let Some(json) = json.as_object().cloned() else {
         return Err(fault(&model.name, "the source's document is no JSON object"));
     };
-    let mut out = Builder { asset: model.name.clone(), json, fallback_buffers: Vec::new(), bin: Vec::new() };
-    let mut places = Vec::new();
-    let declared = out.json.get("buffers").and_then(Value::as_array).cloned().unwrap_or_default();
-    for (buffer, bytes) in declared.into_iter().zip(buffers) {
-        if is_fallback(&buffer) {
-            places.push(Place::Fallback(out.fallback_buffers.len()));
-            out.fallback_buffers.push(buffer);
-        } else {
-            let length = index(&buffer, "byteLength").unwrap_or(bytes.len()).min(bytes.len());
-            places.push(Place::Chunk(append_aligned(&mut out.bin, &bytes[..length])));
-        }
-    }
-    // The binary chunk is buffer 0: a fallback never stands without the compressed data beside it.
+    let mut out = Builder { asset: model.name.clone(), json, bin: Vec::new() };
+    let bases = merge_buffers(&mut out, buffers);
     for view in out.all_mut(Kind::BufferView) {
-        rebase(view, &places);
-        for name in COMPRESSED_VIEWS {
-            if let Some(compressed) = view.get_mut("extensions").and_then(|e| e.get_mut(name)) {
-                rebase(compressed, &places);
-            }
+        if let Some(base) = index(view, "buffer").and_then(|b| bases.get(b)) {
+            let offset = index(view, "byteOffset").unwrap_or(0) + base;
+            view["buffer"] = json!(0);
+            view["byteOffset"] = json!(offset);
         }
     }
     for (i, image) in images.iter().enumerate() {
@@ -61,23 +37,21 @@ pub(super) fn embed(model: &Model) -> Result<Builder, Error> {
     Ok(out)
 }
 
-fn is_fallback(buffer: &Value) -> bool {
-    COMPRESSED_VIEWS.iter().any(|name| {
-        buffer.get("extensions").and_then(|e| e.get(*name)).and_then(|e| e.get("fallback")) == Some(&json!(true))
-    })
-}
-
-/// Points a buffer view, or the compressed half of one, to where its bytes went.
-fn rebase(view: &mut Value, places: &[Place]) {
-    match index(view, "buffer").and_then(|b| places.get(b)) {
-        Some(&Place::Chunk(base)) => {
-            let offset = index(view, "byteOffset").unwrap_or(0) + base;
-            view["buffer"] = json!(0);
-            view["byteOffset"] = json!(offset);
+/// Appends the buffers that any view refers to; returns where each begins.
+fn merge_buffers(out: &mut Builder, buffers: &[Bytes]) -> Vec<usize> {
+    let declared = out.json.get("buffers").and_then(Value::as_array).map_or(&[][..], Vec::as_slice);
+    let lengths: Vec<Option<usize>> = declared.iter().map(|b| index(b, "byteLength")).collect();
+    let mut used = vec![false; buffers.len()];
+    for buffer in out.all(Kind::BufferView).iter().filter_map(|view| index(view, "buffer")) {
+        if let Some(used) = used.get_mut(buffer) {
+            *used = true;
         }
-        Some(&Place::Fallback(i)) => view["buffer"] = json!(i + 1),
-        None => {}
     }
+    let append = |(b, bytes): (usize, &Bytes)| {
+        let length = lengths.get(b).copied().flatten().unwrap_or(bytes.len()).min(bytes.len());
+        append_aligned(&mut out.bin, if used[b] { &bytes[..length] } else { &[] })
+    };
+    buffers.iter().enumerate().map(append).collect()
 }
 
 /// A document without scenes gets one that holds its roots.

@@ -16,6 +16,8 @@
 //! the joints of a skinned node in its scene: that scene has a copy of the node tree and a second node with the same
 //! mesh on the copied joints, sharing the inverse bind matrices.
 
+#[cfg(test)]
+mod asset_tests;
 mod builder;
 mod clips;
 mod embed;

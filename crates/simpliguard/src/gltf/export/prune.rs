@@ -8,9 +8,6 @@ use serde_json::{Value, json};
 use super::builder::{Builder, Kind, append_aligned, index};
 use super::ranges::Ranges;
 
-/// Extensions that hold the bytes of a buffer view a second time, compressed.
-const COMPRESSED_VIEWS: [&str; 2] = ["EXT_meshopt_compression", "KHR_meshopt_compression"];
-
 /// Keeps every object of the kinds `roots` and what they refer to; renumbers the rest.
 pub(super) fn prune(out: &mut Builder, roots: &[Kind]) {
     let used = mark(out, roots);
@@ -171,15 +168,7 @@ fn repack(out: &mut Builder, used: &Used) {
         if !used.has(Kind::BufferView, v) {
             continue;
         }
-        for name in COMPRESSED_VIEWS {
-            if let Some(compressed) = view.get_mut("extensions").and_then(|e| e.get_mut(name)) {
-                move_view(compressed, &source, &mut bin, &Ranges::whole());
-            }
-        }
-        // Views into the other buffers have no bytes.
-        if index(view, "buffer") == Some(0) {
-            move_view(view, &source, &mut bin, &ranges[v]);
-        }
+        move_view(view, &source, &mut bin, &ranges[v]);
     }
     for accessor in out.all_mut(Kind::Accessor) {
         let Some(ranges) = index(accessor, "bufferView").and_then(|v| ranges.get(v)) else { continue };
@@ -224,7 +213,7 @@ fn used_ranges(out: &Builder, used: &Used) -> Vec<Ranges> {
             }
         }
     }
-    // Images and compressed geometry take their view whole.
+    // Images and what extensions refer to take their view whole.
     for (range, accessed) in ranges.iter_mut().zip(accessed) {
         if !accessed {
             *range = Ranges::whole();

@@ -5,8 +5,10 @@
 //! whether or not the source's rest pose is its bind pose.
 //!
 //! A source with one skin lends that skin unchanged. Otherwise the bones in use become one merged skin, a joint per
-//! node. Where several source skins bind one node differently, the first binding stands: exact for vertices whose bones
-//! all have a binding in that skin, approximate in motion where bones of differently bound skins meet in one vertex.
+//! node. Bones that share vertices of the source share a bind space `X`, which may be in other units or turned; each is
+//! rebased onto the world, `B' = B S^-1` with `S = W B` of its first bone, so that bones of different spaces blend.
+//! Within a space the motion stays exact. Where two spaces of one node still differ after that, which takes a rest pose
+//! other than the bind pose, the first stands.
 
 use glam::{DMat3, DMat4, Mat4, Vec3, Vec4};
 use serde_json::json;
@@ -14,7 +16,8 @@ use serde_json::json;
 use super::builder::{Builder, Component, Kind, Target};
 use super::fault;
 use crate::Error;
-use crate::model::{Influences, Level, LevelMesh, Model, Rig};
+use crate::mesh::DisjointSets;
+use crate::model::{Bone, Influences, Level, LevelMesh, Model, Rig};
 
 /// Most joints of a merged skin: engines hold the matrices of 256.
 const MAX_JOINTS: usize = 256;
@@ -38,6 +41,12 @@ struct Joint {
     rest: DMat4,
 }
 
+impl Joint {
+    fn new(node: usize, inverse_bind: Mat4, rest_world: Mat4) -> Self {
+        Self { node, inverse_bind, rest: rest_world.as_dmat4() * inverse_bind.as_dmat4() }
+    }
+}
+
 /// Vertices of a level in bind space.
 pub(super) struct BoundVertices {
     pub(super) positions: Vec<Vec3>,
@@ -53,22 +62,11 @@ impl Binding {
         let Some(rig) = model.rig.as_ref().filter(|_| levels.iter().any(|l| !l.mesh.influences.is_empty())) else {
             return Ok(None);
         };
-        let used = used_bones(rig, levels);
-        let mut binding =
-            Self { source: rig.source_skin, joints: Vec::new(), joint_of_bone: vec![None; rig.bones.len()] };
-        for (b, bone) in rig.bones.iter().enumerate() {
-            if binding.source.is_none() && !used[b] {
-                continue;
-            }
-            let same_node = binding.joints.iter().position(|j| j.node == bone.node && binding.source.is_none());
-            let joint = same_node.unwrap_or(binding.joints.len());
-            if same_node.is_none() {
-                let rest = bone.rest_world.as_dmat4() * bone.inverse_bind.as_dmat4();
-                binding.joints.push(Joint { node: bone.node, inverse_bind: bone.inverse_bind, rest });
-            }
-            binding.joint_of_bone[b] = u16::try_from(joint).ok();
-        }
-        if binding.source.is_none() && binding.joints.len() > MAX_JOINTS {
+        let binding = match rig.source_skin {
+            Some(skin) => Self::reused(rig, skin),
+            None => Self::merged(rig, &used_bones(rig, levels), &model.surface.influences),
+        };
+        if binding.is_merged() && binding.joints.len() > MAX_JOINTS {
             return Err(Error::invalid(
                 &model.name,
                 crate::StageId::Export,
@@ -77,6 +75,34 @@ impl Binding {
             ));
         }
         Ok(Some(binding))
+    }
+
+    /// The source's skin as it is.
+    fn reused(rig: &Rig, skin: usize) -> Self {
+        let joint = |bone: &Bone| Joint::new(bone.node, bone.inverse_bind, bone.rest_world);
+        Self {
+            source: Some(skin),
+            joints: rig.bones.iter().map(joint).collect(),
+            joint_of_bone: (0..rig.bones.len()).map(|b| u16::try_from(b).ok()).collect(),
+        }
+    }
+
+    /// One joint for each node of the bones in use.
+    fn merged(rig: &Rig, used: &[bool], source: &[Influences]) -> Self {
+        let mut out = Self { source: None, joints: Vec::new(), joint_of_bone: vec![None; rig.bones.len()] };
+        let mut spaces = bind_spaces(rig, source);
+        for (b, bone) in rig.bones.iter().enumerate().filter(|&(b, _)| used[b]) {
+            let same_node = out.joints.iter().position(|j| j.node == bone.node);
+            if same_node.is_none() {
+                let first = &rig.bones[spaces.find(b)];
+                let space = first.rest_world.as_dmat4() * first.inverse_bind.as_dmat4();
+                let to_space = if is_invertible(&space) { space.inverse() } else { DMat4::IDENTITY };
+                let inverse_bind = affine((bone.inverse_bind.as_dmat4() * to_space).as_mat4());
+                out.joints.push(Joint::new(bone.node, inverse_bind, bone.rest_world));
+            }
+            out.joint_of_bone[b] = u16::try_from(same_node.unwrap_or(out.joints.len() - 1)).ok();
+        }
+        out
     }
 
     /// Whether the skin is made here from several of the source, or from moving mesh nodes.
@@ -94,7 +120,7 @@ impl Binding {
         if let Some(skin) = self.source.filter(|&s| s < out.all(Kind::Skin).len()) {
             return skin;
         }
-        let matrices: Vec<[f32; 16]> = self.joints.iter().map(|j| affine(j.inverse_bind).to_cols_array()).collect();
+        let matrices: Vec<[f32; 16]> = self.joints.iter().map(|j| j.inverse_bind.to_cols_array()).collect();
         let matrices = out.push_accessor(&matrices, Component::F32, "MAT4", Target::None);
         let joints: Vec<usize> = self.nodes().collect();
         out.push(Kind::Skin, json!({ "joints": joints, "inverseBindMatrices": matrices }))
@@ -167,6 +193,20 @@ impl Binding {
         }
         sum
     }
+}
+
+/// Bones that share vertices of the source, each set under its first bone.
+fn bind_spaces(rig: &Rig, source: &[Influences]) -> DisjointSets {
+    let mut sets = DisjointSets::new(rig.bones.len());
+    for influences in source {
+        for (&joint, &weight) in influences.joints.iter().zip(&influences.weights).skip(1) {
+            let (a, b) = (influences.joints[0] as usize, joint as usize);
+            if weight > 0.0 && a.max(b) < rig.bones.len() {
+                sets.join(a, b);
+            }
+        }
+    }
+    sets
 }
 
 fn used_bones(rig: &Rig, levels: &[Level]) -> Vec<bool> {

@@ -14,13 +14,13 @@ use crate::model::{
 use crate::settings::SourceGeometry;
 
 /// JSON and binary chunk of a GLB.
-struct Read {
-    json: Value,
+pub(super) struct Read {
+    pub(super) json: Value,
     bin: Vec<u8>,
 }
 
 impl Read {
-    fn new(name: &str, glb: &[u8]) -> Self {
+    pub(super) fn new(name: &str, glb: &[u8]) -> Self {
         if let Some(dir) = std::env::var_os("SIMPLIGUARD_EXPORT_DIR") {
             std::fs::write(std::path::Path::new(&dir).join(format!("{name}.glb")), glb).expect("writable folder");
         }
@@ -32,7 +32,7 @@ impl Read {
         Self { json, bin }
     }
 
-    fn bytes(&self, accessor: usize, size: usize) -> &[u8] {
+    pub(super) fn bytes(&self, accessor: usize, size: usize) -> &[u8] {
         let accessor = &self.json["accessors"][accessor];
         let view = &self.json["bufferViews"][accessor["bufferView"].as_u64().expect("view") as usize];
         let at = |v: &Value| v.as_u64().unwrap_or(0) as usize;
@@ -41,12 +41,12 @@ impl Read {
         &self.bin[start..start + size * at(&accessor["count"])]
     }
 
-    fn floats(&self, accessor: &Value, width: usize) -> Vec<f32> {
+    pub(super) fn floats(&self, accessor: &Value, width: usize) -> Vec<f32> {
         let bytes = self.bytes(accessor.as_u64().expect("index") as usize, 4 * width);
         bytes.chunks_exact(4).map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]])).collect()
     }
 
-    fn attributes(&self, mesh: usize) -> &Value {
+    pub(super) fn attributes(&self, mesh: usize) -> &Value {
         &self.json["meshes"][mesh]["primitives"][0]["attributes"]
     }
 
@@ -315,9 +315,10 @@ fn a_skinned_levels_scene_has_its_own_joints_and_shares_mesh_and_matrices() {
 }
 
 #[test]
-fn a_merged_skin_has_one_joint_per_node() {
+fn a_merged_skin_has_one_joint_per_node_and_binds_in_the_world() {
     let mut model = two_bones(None);
     let rig = model.rig.as_mut().expect("rig");
+    // The same joint, bound in other units.
     let double = Bone { inverse_bind: Mat4::from_scale(Vec3::splat(3.0)), ..rig.bones[0] };
     rig.bones.push(double);
     let mut level = level(1000, true);
@@ -325,7 +326,9 @@ fn a_merged_skin_has_one_joint_per_node() {
     let read = Read::new("merged", &export(&model, &[level], &ExportOptions::default()).expect("exports"));
     assert_eq!(read.json["skins"][1]["joints"], json!([1, 2]));
     assert_eq!(read.floats(&read.attributes(1)["WEIGHTS_0"], 4)[..4], [1.0, 0.0, 0.0, 0.0]);
-    assert_eq!(read.floats(&read.attributes(1)["POSITION"], 3)[3..6], [1.0, 0.25, 0.0]);
+    assert_eq!(read.floats(&read.attributes(1)["POSITION"], 3)[3..6], [2.0, 0.5, 0.0]);
+    let matrices = read.floats(&read.json["skins"][1]["inverseBindMatrices"], 16);
+    assert_eq!((matrices[0], matrices[16], matrices[16 + 13]), (0.5, 0.5, -1.0));
 }
 
 #[test]

@@ -1,0 +1,52 @@
+//! The file at work: its name for messages, and its limits.
+
+use serde::Deserialize;
+use serde_json::Value;
+
+use super::Limits;
+use super::schema::Root;
+use crate::{Error, StageId};
+
+const ADVICE: &str = "check it with glTF-Validator and export it again";
+
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Asset<'a> {
+    pub(super) name: &'a str,
+    pub(super) limits: &'a Limits,
+}
+
+impl Asset<'_> {
+    /// The file breaks a rule of glTF.
+    pub(super) fn invalid(&self, found: impl Into<String>) -> Error {
+        Error::invalid(self.name, StageId::Import, found, ADVICE)
+    }
+
+    /// The file is of another type.
+    pub(super) fn not_gltf(&self, why: &str) -> Error {
+        let advice = "give a .glb or .gltf file, or convert this one";
+        Error::invalid(self.name, StageId::Import, format!("not a glTF file: {why}"), advice)
+    }
+
+    /// `Err` if `found` is over `limit`.
+    pub(super) fn within(&self, what: &str, found: usize, limit: u64) -> Result<(), Error> {
+        let found = found as u64;
+        if found <= limit {
+            return Ok(());
+        }
+        Err(Error::Limit { asset: self.name.to_owned(), stage: StageId::Import, what: what.to_owned(), found, limit })
+    }
+
+    /// Reads the schema; the message names the JSON path that breaks it.
+    pub(super) fn schema<'j>(&self, json: &'j Value) -> Result<Root<'j>, Error> {
+        let mut track = serde_path_to_error::Track::new();
+        Root::deserialize(serde_path_to_error::Deserializer::new(json, &mut track))
+            .map_err(|error| self.invalid(format!("its JSON breaks the schema at '{}': {error}", track.path())))
+    }
+
+    /// Item `index` of a top-level list, named `list` in the message.
+    pub(super) fn item<'l, T>(&self, list: &'l [T], index: usize, name: &str) -> Result<&'l T, Error> {
+        list.get(index).ok_or_else(|| {
+            self.invalid(format!("it refers to {name} {index}, counted from 0, but has {} of them", list.len()))
+        })
+    }
+}

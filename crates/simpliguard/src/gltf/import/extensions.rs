@@ -1,0 +1,100 @@
+//! Which glTF extensions are read, which can be left out, and which must be refused.
+
+use serde_json::Value;
+
+use super::asset::Asset;
+use crate::Error;
+
+/// Read in full, or without influence on what a level looks like.
+const READ: &[&str] = &[
+    "EXT_mesh_gpu_instancing",
+    "EXT_meshopt_compression",
+    "EXT_texture_webp",
+    "KHR_materials_emissive_strength",
+    "KHR_materials_pbrSpecularGlossiness",
+    "KHR_materials_unlit",
+    "KHR_mesh_quantization",
+    "KHR_meshopt_compression",
+    "KHR_texture_transform",
+];
+
+/// Known and passed through to the source part of the output; the levels do without.
+const PASSED_THROUGH: &[&str] = &[
+    "CESIUM_primitive_outline",
+    "EXT_lights_ies",
+    "EXT_lights_image_based",
+    "EXT_mesh_features",
+    "EXT_structural_metadata",
+    "KHR_animation_pointer",
+    "KHR_lights_punctual",
+    "KHR_materials_anisotropy",
+    "KHR_materials_clearcoat",
+    "KHR_materials_diffuse_transmission",
+    "KHR_materials_dispersion",
+    "KHR_materials_ior",
+    "KHR_materials_iridescence",
+    "KHR_materials_sheen",
+    "KHR_materials_specular",
+    "KHR_materials_transmission",
+    "KHR_materials_variants",
+    "KHR_materials_volume",
+    "KHR_node_hoverability",
+    "KHR_node_selectability",
+    "KHR_node_visibility",
+    "KHR_physics_rigid_bodies",
+    "KHR_xmp",
+    "KHR_xmp_json_ld",
+    "MSFT_lod",
+];
+
+/// Refuses a file that requires an extension which is not understood.
+pub(super) fn check_required(asset: Asset<'_>, required: &[&str]) -> Result<(), Error> {
+    match required.iter().find(|name| !READ.contains(name) && !PASSED_THROUGH.contains(name)) {
+        Some(name) => Err(refuse(asset, name)),
+        None => Ok(()),
+    }
+}
+
+/// The error for an extension that cannot be decoded.
+pub(super) fn refuse(asset: Asset<'_>, name: &str) -> Error {
+    let advice = match name {
+        "KHR_draco_mesh_compression" => "decode it with 'gltf-transform copy in.glb out.glb'".to_owned(),
+        "KHR_texture_basisu" => {
+            "decode its textures with 'gltf-transform ktxdecompress in.glb out.glb', or export with PNG or JPEG textures"
+                .to_owned()
+        }
+        "MSFT_texture_dds" | "EXT_texture_avif" => {
+            "convert its textures with 'gltf-transform png in.glb out.glb'".to_owned()
+        }
+        _ => "export it without that extension; 'gltf-transform inspect in.glb' shows what uses it".to_owned(),
+    };
+    Error::Extension { asset: asset.name.to_owned(), extension: name.to_owned(), advice }
+}
+
+/// Whether a glTF brings its own levels of detail: `MSFT_lod`, or nodes named `.._LOD1` and up.
+pub fn has_levels(json: &Value) -> bool {
+    let list = |name: &str| json.get(name).and_then(Value::as_array).into_iter().flatten();
+    list("extensionsUsed").any(|name| name == "MSFT_lod")
+        || list("nodes").filter_map(|node| node.get("name")?.as_str()).any(is_level_name)
+}
+
+/// A name ending in `_LOD` and a number above zero, in any case.
+fn is_level_name(name: &str) -> bool {
+    let stem = name.trim_end_matches(|c: char| c.is_ascii_digit());
+    let number = &name[stem.len()..];
+    let is_lod = stem.get(stem.len().wrapping_sub(4)..).is_some_and(|end| end.eq_ignore_ascii_case("_lod"));
+    is_lod && number.bytes().any(|digit| digit != b'0')
+}
+
+/// The extensions of each used material that change how it looks and that the levels do without.
+pub(super) fn dropped_material_extensions(json: &Value, materials: &[usize]) -> Vec<String> {
+    let mut names: Vec<&str> = materials
+        .iter()
+        .filter_map(|&index| json.get("materials")?.get(index)?.get("extensions")?.as_object())
+        .flat_map(|extensions| extensions.keys().map(String::as_str))
+        .filter(|name| !READ.contains(name))
+        .collect();
+    names.sort_unstable();
+    names.dedup();
+    names.into_iter().map(|name| format!("the material extension {name} is left out of the levels")).collect()
+}

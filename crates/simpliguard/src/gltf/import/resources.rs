@@ -1,0 +1,155 @@
+//! The bytes a glTF refers to: BIN chunk, `data:` URIs and files beside the model.
+
+use base64::Engine as _;
+use base64::engine::{DecodePaddingMode, GeneralPurpose, GeneralPurposeConfig};
+use bytes::Bytes;
+
+use super::asset::Asset;
+use super::schema::Root;
+use crate::source::percent_decode;
+use crate::{Error, RelativeUri, Source, StageId};
+
+/// Reads by URI and keeps count of the bytes.
+pub(super) struct Loader<'a> {
+    pub(super) asset: Asset<'a>,
+    source: &'a Source<'a>,
+    total: u64,
+}
+
+/// The encoded bytes and MIME type of an image given by URI, or the reason why there are none.
+#[derive(Debug)]
+pub(super) enum ExternalImage {
+    InBuffer,
+    Read { uri: String, bytes: Bytes, mime: &'static str },
+    Failed { uri: String, reason: String },
+}
+
+impl<'a> Loader<'a> {
+    pub(super) fn new(asset: Asset<'a>, source: &'a Source<'a>) -> Self {
+        Self { asset, source, total: source.bytes.len() as u64 }
+    }
+
+    /// All buffers, each at least as long as it says, but for those without a URI and a BIN chunk: they are empty, and
+    /// [`check_complete`] tells whether that matters.
+    pub(super) fn buffers(&mut self, root: &Root<'_>, mut bin: Option<Bytes>) -> Result<Vec<Bytes>, Error> {
+        let mut out = Vec::with_capacity(root.buffers.len());
+        for (index, buffer) in root.buffers.iter().enumerate() {
+            let bytes = match buffer.uri {
+                Some(uri) => self.read(uri)?.map_err(|reason| resource_error(self.asset, uri, reason))?,
+                None if index == 0 && bin.is_some() => bin.take().unwrap_or_default(),
+                None => {
+                    out.push(Bytes::new());
+                    continue;
+                }
+            };
+            if bytes.len() < buffer.byte_length {
+                let (found, needed) = (bytes.len(), buffer.byte_length);
+                return Err(self
+                    .asset
+                    .invalid(format!("buffer {index} should hold {needed} bytes, but holds {found}")));
+            }
+            out.push(bytes);
+        }
+        Ok(out)
+    }
+
+    /// All images given by URI. One that cannot be read is an error only once a material asks for it.
+    pub(super) fn images(&mut self, root: &Root<'_>) -> Result<Vec<ExternalImage>, Error> {
+        let mut out = Vec::with_capacity(root.images.len());
+        for image in &root.images {
+            let Some(uri) = image.uri else {
+                out.push(ExternalImage::InBuffer);
+                continue;
+            };
+            let found = self.read(uri)?.and_then(|bytes| match mime_of(&bytes) {
+                Some(mime) => Ok((bytes, mime)),
+                None => Err("it is no PNG, JPEG, WebP, KTX2 or DDS image".to_owned()),
+            });
+            out.push(match found {
+                Ok((bytes, mime)) => ExternalImage::Read { uri: short(uri), bytes, mime },
+                Err(reason) => ExternalImage::Failed { uri: short(uri), reason },
+            });
+        }
+        Ok(out)
+    }
+
+    /// The bytes at `uri`; the inner error is the reason why they cannot be had, the outer a limit.
+    fn read(&mut self, uri: &str) -> Result<Result<Bytes, String>, Error> {
+        let bytes = if is_data_uri(uri) {
+            self.count(uri.len())?;
+            data_uri(uri)
+        } else {
+            let read = RelativeUri::parse(uri)
+                .map_err(|rule| format!("the URI is refused: {rule}"))
+                .and_then(|path| self.source.resources.read(&path));
+            self.count(read.as_ref().map_or(0, Bytes::len))?;
+            read
+        };
+        Ok(bytes)
+    }
+
+    fn count(&mut self, bytes: usize) -> Result<(), Error> {
+        self.total = self.total.saturating_add(bytes as u64);
+        self.asset.within(
+            "the size in bytes of the file and what it refers to",
+            self.total as usize,
+            self.asset.limits.bytes,
+        )
+    }
+}
+
+/// Whether every buffer holds what it says.
+pub(super) fn check_complete(asset: Asset<'_>, root: &Root<'_>, buffers: &[Bytes]) -> Result<(), Error> {
+    match root.buffers.iter().zip(buffers).position(|(buffer, bytes)| bytes.len() < buffer.byte_length) {
+        Some(index) => Err(asset.invalid(format!("buffer {index} has neither a URI nor a BIN chunk"))),
+        None => Ok(()),
+    }
+}
+
+/// An external file that is needed cannot be had.
+pub(super) fn resource_error(asset: Asset<'_>, uri: &str, reason: String) -> Error {
+    Error::Resource { asset: asset.name.to_owned(), stage: StageId::Import, uri: short(uri), reason }
+}
+
+/// A URI for a message: `data:` URIs can be megabytes long.
+fn short(uri: &str) -> String {
+    const LONGEST: usize = 120;
+    if uri.chars().count() <= LONGEST {
+        uri.to_owned()
+    } else {
+        uri.chars().take(LONGEST).chain("...".chars()).collect()
+    }
+}
+
+fn is_data_uri(uri: &str) -> bool {
+    uri.get(..5).is_some_and(|scheme| scheme.eq_ignore_ascii_case("data:"))
+}
+
+/// Decodes `data:[type];base64,...` and `data:[type],...`.
+fn data_uri(uri: &str) -> Result<Bytes, String> {
+    const LENIENT: GeneralPurpose = GeneralPurpose::new(
+        &base64::alphabet::STANDARD,
+        GeneralPurposeConfig::new()
+            .with_decode_padding_mode(DecodePaddingMode::Indifferent)
+            .with_decode_allow_trailing_bits(true),
+    );
+    let (header, payload) = uri.split_once(',').ok_or("the data URI has no comma")?;
+    let decoded = if header.ends_with(";base64") {
+        LENIENT.decode(payload).map_err(|error| error.to_string())
+    } else {
+        percent_decode(payload)
+    };
+    decoded.map(Bytes::from).map_err(|error| format!("the data URI is broken: {error}"))
+}
+
+/// The type of an encoded image by its first bytes.
+pub(super) fn mime_of(bytes: &[u8]) -> Option<&'static str> {
+    Some(match bytes {
+        [0x89, b'P', b'N', b'G', ..] => "image/png",
+        [0xFF, 0xD8, 0xFF, ..] => "image/jpeg",
+        [b'R', b'I', b'F', b'F', _, _, _, _, b'W', b'E', b'B', b'P', ..] => "image/webp",
+        [0xAB, b'K', b'T', b'X', b' ', b'2', b'0', 0xBB, ..] => "image/ktx2",
+        [b'D', b'D', b'S', b' ', ..] => "image/vnd-ms.dds",
+        _ => return None,
+    })
+}

@@ -1,0 +1,156 @@
+//! Bones over all skins and all mesh nodes that move on their own.
+
+use std::collections::BTreeMap;
+
+use glam::Mat4;
+
+use super::accessor::Reader;
+use super::nodes::Tree;
+use super::schema::Primitive;
+use crate::Error;
+use crate::model::{Bone, Influences, Rig};
+
+/// The rig of a file, and how the file's skins and nodes map to it.
+#[derive(Debug, Default)]
+pub(super) struct Skeleton {
+    pub(super) rig: Option<Rig>,
+    /// For each skin, the bone of each of its joints; empty for skins not in use.
+    pub(super) skin_bones: Vec<Vec<u16>>,
+    /// The bone of each node that carries unskinned triangles.
+    pub(super) node_bones: BTreeMap<usize, u16>,
+}
+
+/// Whether a primitive can hang on a skin.
+pub(super) fn has_joints(primitive: &Primitive<'_>) -> bool {
+    primitive.attributes.contains_key("JOINTS_0") && primitive.attributes.contains_key("WEIGHTS_0")
+}
+
+/// Which skins and which rigid nodes the triangles of the default scene hang on, both ascending.
+#[derive(Debug, Default, PartialEq)]
+struct Supports {
+    skins: Vec<usize>,
+    rigid: Vec<usize>,
+}
+
+impl Skeleton {
+    /// Builds the rig for the nodes in `mesh_nodes`.
+    pub(super) fn of(reader: Reader<'_>, tree: &Tree, mesh_nodes: &[usize]) -> Result<Self, Error> {
+        let supports = Supports::of(reader, mesh_nodes)?;
+        let animated = tree.animated(reader.root);
+        if supports.skins.is_empty() && !supports.rigid.iter().any(|&node| animated[node]) {
+            return Ok(Self { skin_bones: vec![Vec::new(); reader.root.skins.len()], ..Self::default() });
+        }
+        let mut out = Self { skin_bones: vec![Vec::new(); reader.root.skins.len()], ..Self::default() };
+        let mut bones = Vec::new();
+        let mut source_skin = None;
+        if let ([skin], []) = (supports.skins.as_slice(), supports.rigid.as_slice()) {
+            bones = joints(reader, tree, *skin)?;
+            out.skin_bones[*skin] = (0..bones.len()).map(|bone| bone as u16).collect();
+            source_skin = Some(*skin);
+        } else {
+            let mut known = BTreeMap::new();
+            let mut bone_index = |bone: Bone| {
+                *known.entry((bone.node, bits(&bone.inverse_bind))).or_insert_with(|| {
+                    bones.push(bone);
+                    bones.len() - 1
+                }) as u16
+            };
+            for skin in supports.skins {
+                out.skin_bones[skin] = joints(reader, tree, skin)?.into_iter().map(&mut bone_index).collect();
+            }
+            for node in supports.rigid {
+                out.node_bones.insert(node, bone_index(rigid_bone(tree, node)));
+            }
+        }
+        reader.asset.within("the number of bones", bones.len(), u64::from(u16::MAX))?;
+        out.rig = Some(Rig { bones, source_skin });
+        Ok(out)
+    }
+}
+
+impl Supports {
+    fn of(reader: Reader<'_>, mesh_nodes: &[usize]) -> Result<Self, Error> {
+        let mut out = Self::default();
+        for &index in mesh_nodes {
+            let node = &reader.root.nodes[index];
+            let Some(mesh) = node.mesh else { continue };
+            let primitives = &reader.asset.item(&reader.root.meshes, mesh, "mesh")?.primitives;
+            for primitive in primitives.iter().filter(|primitive| super::primitive::has_triangles(primitive)) {
+                match node.skin {
+                    Some(skin) if has_joints(primitive) => out.skins.push(skin),
+                    _ => out.rigid.push(index),
+                }
+            }
+        }
+        for list in [&mut out.skins, &mut out.rigid] {
+            list.sort_unstable();
+            list.dedup();
+        }
+        Ok(out)
+    }
+}
+
+/// The joints of a skin as bones, in its order.
+fn joints(reader: Reader<'_>, tree: &Tree, index: usize) -> Result<Vec<Bone>, Error> {
+    let asset = reader.asset;
+    let skin = asset.item(&reader.root.skins, index, "skin")?;
+    asset.within(&format!("the number of joints of skin {index}"), skin.joints.len(), u64::from(u16::MAX))?;
+    if skin.joints.is_empty() {
+        return Err(asset.invalid(format!("skin {index} has no joints")));
+    }
+    let matrices: Vec<Mat4> = match skin.inverse_bind_matrices {
+        Some(accessor) => {
+            reader.floats::<16>(accessor, 0..skin.joints.len() as u32)?.iter().map(Mat4::from_cols_array).collect()
+        }
+        None => vec![Mat4::IDENTITY; skin.joints.len()],
+    };
+    if let Some(joint) = matrices.iter().position(|matrix| !matrix.is_finite()) {
+        return Err(asset.invalid(format!("the inverse bind matrix of joint {joint} of skin {index} is not finite")));
+    }
+    let bone = |(&node, &inverse_bind): (&usize, &Mat4)| {
+        let rest_world = *asset.item(&tree.world, node, "node")?;
+        Ok(Bone { node, inverse_bind, rest_world })
+    };
+    skin.joints.iter().zip(&matrices).map(bone).collect()
+}
+
+/// The bone of a node that moves as a whole: the node itself, or, where its scale is zero along an axis, the nearest
+/// ancestor that can be inverted.
+fn rigid_bone(tree: &Tree, node: usize) -> Bone {
+    let invertible = |node: &usize| tree.world[*node].determinant() != 0.0 && tree.world[*node].inverse().is_finite();
+    match tree.lineage(node).find(invertible) {
+        Some(node) => Bone { node, inverse_bind: tree.world[node].inverse(), rest_world: tree.world[node] },
+        None => Bone { node, inverse_bind: Mat4::IDENTITY, rest_world: tree.world[node] },
+    }
+}
+
+fn bits(matrix: &Mat4) -> [u32; 16] {
+    matrix.to_cols_array().map(f32::to_bits)
+}
+
+/// Weights below this part of a vertex's heaviest are dropped.
+const NEGLIGIBLE: f32 = 1e-6;
+
+/// The four heaviest of any number of bones, merged, falling, ties by bone, sum one. `None` if no weight is positive.
+pub(super) fn influences(pairs: impl Iterator<Item = (u16, f32)>) -> Option<Influences> {
+    let mut merged: Vec<(u16, f32)> = Vec::with_capacity(8);
+    for (joint, weight) in pairs.filter(|(_, weight)| weight.is_finite() && *weight > 0.0) {
+        match merged.iter_mut().find(|(known, _)| *known == joint) {
+            Some((_, sum)) => *sum += weight,
+            None => merged.push((joint, weight)),
+        }
+    }
+    merged.sort_unstable_by(|a, b| b.1.total_cmp(&a.1).then(a.0.cmp(&b.0)));
+    merged.truncate(4);
+    let least = merged.first().map_or(0.0, |heaviest| heaviest.1 * NEGLIGIBLE);
+    merged.retain(|(_, weight)| *weight >= least);
+    let sum: f32 = merged.iter().map(|(_, weight)| weight).sum();
+    if !(sum.is_finite() && sum > 0.0) {
+        return None;
+    }
+    let mut out = Influences::default();
+    for (k, (joint, weight)) in merged.into_iter().enumerate() {
+        (out.joints[k], out.weights[k]) = (joint, weight / sum);
+    }
+    Some(out)
+}
