@@ -2,20 +2,11 @@
 //!
 //! Further arguments are those of `simpliguard bake`: `cargo run -- --quality draft`.
 
-use std::ffi::OsString;
-use std::path::Path;
 use std::process::ExitCode;
+use std::{env, io};
 
-fn main() -> ExitCode {
-    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
-    let args: [OsString; 7] = [
-        "showcase".into(),
-        "bake".into(),
-        root.join("assets").into(),
-        "--output".into(),
-        root.join("target/showcase").into(),
-        "--split-levels".into(),
-        "--sheet".into(),
-    ];
-    simpliguard_cli::run(args.into_iter().chain(std::env::args_os().skip(1)))
+fn main() -> io::Result<ExitCode> {
+    env::set_current_dir(env!("CARGO_MANIFEST_DIR"))?;
+    let args = ["showcase", "bake", "assets", "--output", "target/showcase", "--split-levels", "--sheet"];
+    Ok(simpliguard_cli::run(args.map(Into::into).into_iter().chain(env::args_os().skip(1))))
 }
