@@ -1,46 +1,7 @@
-//! The `simpliguard` command: bakes levels of detail into glTF files.
-//!
-//! Exit codes: 0 all baked, 1 some failed (the others are written), 2 wrong usage (nothing was baked), 130 interrupted.
-
-mod args;
-mod bake;
-mod console;
-mod inputs;
-mod interrupt;
-mod plan;
-mod project;
-mod settings;
-mod source;
-mod summary;
+//! The `simpliguard` command.
 
 use std::process::ExitCode;
 
-use clap::Parser;
-
-use args::{Args, Command};
-
-/// A request that cannot be carried out as it stands; nothing was baked.
-#[derive(Debug, thiserror::Error)]
-#[error("{0}")]
-pub(crate) struct UsageError(pub(crate) String);
-
-impl From<simpliguard::Error> for UsageError {
-    fn from(error: simpliguard::Error) -> Self {
-        Self(error.to_string())
-    }
-}
-
 fn main() -> ExitCode {
-    let done = match Args::parse().command {
-        Command::Bake(args) => bake::run(&args),
-        Command::Settings(args) => settings::run(&args).map(|()| true),
-    };
-    match done {
-        Ok(true) => ExitCode::SUCCESS,
-        Ok(false) => ExitCode::from(1),
-        Err(error) => {
-            console::error(&error.to_string());
-            ExitCode::from(2)
-        }
-    }
+    simpliguard_cli::run(std::env::args_os())
 }
