@@ -15,17 +15,20 @@ use crate::gltf::{Limits, import};
 use crate::model::{AlphaMode, Level, LevelMaterial, LevelMesh, LevelTextures, Model};
 use crate::{NoResources, Source};
 
-const ASSETS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared/assets/dev");
+const ASSETS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared/assets");
 
-fn files() -> Vec<PathBuf> {
-    let mut files: Vec<PathBuf> = if std::env::var_os("SIMPLIGUARD_EXPORT_DIR").is_some() {
-        std::fs::read_dir(ASSETS).map_or_else(|_| Vec::new(), |dir| dir.flatten().map(|f| f.path()).collect())
-    } else {
-        ["brainstem.glb", "fox_dense.glb", "machine.glb"].map(|name| Path::new(ASSETS).join(name)).into()
-    };
-    files.retain(|f| f.extension().is_some_and(|e| e == "glb") && f.exists());
+/// The files of a folder of `shared/assets`, by name.
+fn files(folder: &str) -> Vec<PathBuf> {
+    let folder = Path::new(ASSETS).join(folder);
+    let mut files: Vec<PathBuf> =
+        std::fs::read_dir(folder).map_or_else(|_| Vec::new(), |dir| dir.flatten().map(|f| f.path()).collect());
+    files.retain(|f| f.extension().is_some_and(|e| e == "glb" || e == "gltf"));
     files.sort();
     files
+}
+
+fn stem(path: &Path) -> String {
+    path.file_stem().map(|s| s.to_string_lossy().into_owned()).unwrap_or_default()
 }
 
 /// Every `step`-th triangle of the source, untextured.
@@ -125,16 +128,39 @@ fn check(stem: &str, model: &Model) {
 }
 
 #[test]
+#[expect(clippy::print_stderr, reason = "a skipped test says so")]
 fn real_models_keep_their_rest_pose() {
-    let files = files();
+    let mut files = files("dev");
     if files.is_empty() {
         eprintln!("no models at {ASSETS}: nothing checked");
     }
+    if std::env::var_os("SIMPLIGUARD_EXPORT_DIR").is_none() {
+        files.retain(|f| ["brainstem", "fox_dense", "machine"].contains(&stem(f).as_str()));
+    }
     for path in files {
         let bytes = std::fs::read(&path).expect("readable");
-        let stem = path.file_stem().map(|s| s.to_string_lossy().into_owned()).unwrap_or_default();
-        let source = Source { name: &stem, bytes: &bytes, resources: &NoResources };
-        let model = import(&source, &Limits::default()).expect("imports");
-        check(&stem, &model);
+        let name = stem(&path);
+        let source = Source { name: &name, bytes: &bytes, resources: &NoResources };
+        check(&name, &import(&source, &Limits::default()).expect("imports"));
+    }
+}
+
+#[test]
+fn whatever_the_import_takes_is_exported() {
+    for path in files("hostile") {
+        let bytes = std::fs::read(&path).expect("readable");
+        let name = stem(&path);
+        let source = Source { name: &name, bytes: &bytes, resources: &NoResources };
+        let Ok(model) = import(&source, &Limits::default()) else { continue };
+        if model.surface.triangles.is_empty() {
+            continue;
+        }
+        let level = [sparse_level(&model, 1)];
+        Read::new(&format!("hostile.{name}.level"), &export_level(&model, &level[0]).expect("exports"));
+        for source in [SourceGeometry::Keep, SourceGeometry::Drop] {
+            let options = ExportOptions { source, ..ExportOptions::default() };
+            let glb = export(&model, &level, &options).expect("exports");
+            Read::new(&format!("hostile.{name}.{source:?}"), &glb);
+        }
     }
 }
