@@ -37,7 +37,7 @@ pub struct RelativeUri(String);
 impl RelativeUri {
     /// Checks and percent-decodes a URI of a glTF. `Err` says which rule it breaks.
     pub fn parse(uri: &str) -> Result<Self, String> {
-        let decoded = percent_decode(uri)?;
+        let decoded = String::from_utf8(percent_decode(uri)?).map_err(|_| "it does not decode to UTF-8")?;
         if decoded.is_empty() {
             return Err("it is empty".into());
         }
@@ -75,7 +75,8 @@ impl RelativeUri {
     }
 }
 
-fn percent_decode(uri: &str) -> Result<String, String> {
+/// Replaces each `%xx` by its byte.
+pub(crate) fn percent_decode(uri: &str) -> Result<Vec<u8>, String> {
     let bytes = uri.as_bytes();
     let mut out = Vec::with_capacity(bytes.len());
     let mut i = 0;
@@ -89,7 +90,7 @@ fn percent_decode(uri: &str) -> Result<String, String> {
             i += 1;
         }
     }
-    String::from_utf8(out).map_err(|_| "it does not decode to UTF-8".into())
+    Ok(out)
 }
 
 #[cfg(test)]

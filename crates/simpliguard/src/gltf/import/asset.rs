@@ -45,7 +45,8 @@ impl Asset<'_> {
 
     /// Item `index` of a top-level list, named `list` in the message.
     pub(super) fn item<'l, T>(&self, list: &'l [T], index: usize, name: &str) -> Result<&'l T, Error> {
-        list.get(index)
-            .ok_or_else(|| self.invalid(format!("it refers to {name} {index}, but has {} of them", list.len())))
+        list.get(index).ok_or_else(|| {
+            self.invalid(format!("it refers to {name} {index}, counted from 0, but has {} of them", list.len()))
+        })
     }
 }

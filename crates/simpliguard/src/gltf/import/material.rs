@@ -127,7 +127,7 @@ impl Collector<'_> {
         let Some(info) = info else { return Ok(None) };
         let Some(uv_set) = uv_sets.iter().position(|&set| set == uv_set(info)) else { return Ok(None) };
         let texture = self.asset.item(&self.root.textures, info.index, "texture")?;
-        let Some(image) = texture.extensions.webp.as_ref().map(|webp| webp.source).or(texture.source) else {
+        let Some(image) = texture.extensions.webp.as_ref().and_then(|webp| webp.source).or(texture.source) else {
             if texture.extensions.basisu.is_some() {
                 return Err(extensions::refuse(self.asset, "KHR_texture_basisu"));
             }

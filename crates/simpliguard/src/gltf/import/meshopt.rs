@@ -20,11 +20,6 @@ pub(super) fn is_used(root: &Root<'_>) -> bool {
     root.buffer_views.iter().any(|view| view.extensions.meshopt().is_some())
 }
 
-/// Whether a buffer without bytes is one that decoded views go to.
-pub(super) fn is_target(root: &Root<'_>, buffer: usize) -> bool {
-    root.buffer_views.iter().any(|view| view.buffer == buffer && view.extensions.meshopt().is_some())
-}
-
 /// Fills the fallback buffers that have no data of their own.
 pub(super) fn decode(asset: Asset<'_>, root: &Root<'_>, buffers: &mut [Bytes]) -> Result<(), Error> {
     let mut filled: BTreeMap<usize, Vec<u8>> = BTreeMap::new();

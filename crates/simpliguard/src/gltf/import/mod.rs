@@ -89,6 +89,9 @@ pub fn import(source: &Source<'_>, limits: &Limits) -> Result<Model, Error> {
 
     let tree = Tree::of(asset, &root)?;
     let mesh_nodes = surface::mesh_nodes(reader, &tree)?;
+    if !mesh_nodes.is_empty() {
+        resources::check_complete(asset, &root, &buffers)?;
+    }
     let skeleton = Skeleton::of(reader, &tree, &mesh_nodes)?;
     let used = used_materials(reader, &mesh_nodes);
     let materials = material::read(asset, &root, &used)?;
@@ -134,7 +137,7 @@ fn load(
     let asset = loader.asset;
     let root = asset.schema(json)?;
     extensions::check_required(asset, &root.extensions_required)?;
-    let mut buffers = loader.buffers(&root, bin, |buffer| meshopt::is_target(&root, buffer))?;
+    let mut buffers = loader.buffers(&root, bin)?;
     let images = loader.images(&root)?;
     if meshopt::is_used(&root) {
         meshopt::decode(asset, &root, &mut buffers)?;

@@ -6,6 +6,7 @@ use bytes::Bytes;
 
 use super::asset::Asset;
 use super::schema::Root;
+use crate::source::percent_decode;
 use crate::{Error, RelativeUri, Source, StageId};
 
 /// Reads by URI and keeps count of the bytes.
@@ -28,23 +29,18 @@ impl<'a> Loader<'a> {
         Self { asset, source, total: source.bytes.len() as u64 }
     }
 
-    /// All buffers, each at least as long as it says. A buffer without bytes of its own is empty if `may_be_empty`.
-    pub(super) fn buffers(
-        &mut self,
-        root: &Root<'_>,
-        mut bin: Option<Bytes>,
-        may_be_empty: impl Fn(usize) -> bool,
-    ) -> Result<Vec<Bytes>, Error> {
+    /// All buffers, each at least as long as it says, but for those without a URI and a BIN chunk: they are empty, and
+    /// [`check_complete`] tells whether that matters.
+    pub(super) fn buffers(&mut self, root: &Root<'_>, mut bin: Option<Bytes>) -> Result<Vec<Bytes>, Error> {
         let mut out = Vec::with_capacity(root.buffers.len());
         for (index, buffer) in root.buffers.iter().enumerate() {
             let bytes = match buffer.uri {
-                Some(uri) => self.read(uri)?.map_err(|reason| self.failed(uri, reason))?,
+                Some(uri) => self.read(uri)?.map_err(|reason| resource_error(self.asset, uri, reason))?,
                 None if index == 0 && bin.is_some() => bin.take().unwrap_or_default(),
-                None if may_be_empty(index) => {
+                None => {
                     out.push(Bytes::new());
                     continue;
                 }
-                None => return Err(self.asset.invalid(format!("buffer {index} has neither a URI nor a BIN chunk"))),
             };
             if bytes.len() < buffer.byte_length {
                 let (found, needed) = (bytes.len(), buffer.byte_length);
@@ -80,8 +76,7 @@ impl<'a> Loader<'a> {
     /// The bytes at `uri`; the inner error is the reason why they cannot be had, the outer a limit.
     fn read(&mut self, uri: &str) -> Result<Result<Bytes, String>, Error> {
         let bytes = if is_data_uri(uri) {
-            // Three bytes for each four characters.
-            self.count(uri.len() / 4 * 3)?;
+            self.count(uri.len())?;
             data_uri(uri)
         } else {
             let read = RelativeUri::parse(uri)
@@ -101,9 +96,13 @@ impl<'a> Loader<'a> {
             self.asset.limits.bytes,
         )
     }
+}
 
-    fn failed(&self, uri: &str, reason: String) -> Error {
-        resource_error(self.asset, uri, reason)
+/// Whether every buffer holds what it says.
+pub(super) fn check_complete(asset: Asset<'_>, root: &Root<'_>, buffers: &[Bytes]) -> Result<(), Error> {
+    match root.buffers.iter().zip(buffers).position(|(buffer, bytes)| bytes.len() < buffer.byte_length) {
+        Some(index) => Err(asset.invalid(format!("buffer {index} has neither a URI nor a BIN chunk"))),
+        None => Ok(()),
     }
 }
 
@@ -126,7 +125,7 @@ fn is_data_uri(uri: &str) -> bool {
     uri.get(..5).is_some_and(|scheme| scheme.eq_ignore_ascii_case("data:"))
 }
 
-/// Decodes `data:[type];base64,...`.
+/// Decodes `data:[type];base64,...` and `data:[type],...`.
 fn data_uri(uri: &str) -> Result<Bytes, String> {
     const LENIENT: GeneralPurpose = GeneralPurpose::new(
         &base64::alphabet::STANDARD,
@@ -135,10 +134,12 @@ fn data_uri(uri: &str) -> Result<Bytes, String> {
             .with_decode_allow_trailing_bits(true),
     );
     let (header, payload) = uri.split_once(',').ok_or("the data URI has no comma")?;
-    if !header.ends_with(";base64") {
-        return Err("the data URI is not base64".into());
-    }
-    LENIENT.decode(payload).map(Bytes::from).map_err(|error| format!("the data URI is broken: {error}"))
+    let decoded = if header.ends_with(";base64") {
+        LENIENT.decode(payload).map_err(|error| error.to_string())
+    } else {
+        percent_decode(payload)
+    };
+    decoded.map(Bytes::from).map_err(|error| format!("the data URI is broken: {error}"))
 }
 
 /// The type of an encoded image by its first bytes.

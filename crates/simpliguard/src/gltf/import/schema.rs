@@ -328,7 +328,8 @@ pub(super) struct TextureExtensions {
     pub(super) basisu: Option<serde::de::IgnoredAny>,
 }
 
-#[derive(Debug, Deserialize)]
+#[derive(Debug, Default, Deserialize)]
+#[serde(default)]
 pub(super) struct TextureSource {
-    pub(super) source: usize,
+    pub(super) source: Option<usize>,
 }

@@ -65,3 +65,40 @@ fn dev_assets_have_their_known_triangle_counts() {
         assert_eq!(model.textures.len(), textures, "{name}");
     }
 }
+
+#[test]
+fn hostile_files_give_a_sound_model_or_a_message_with_their_name() {
+    const SLOWEST: std::time::Duration = std::time::Duration::from_secs(5);
+    let Some(folder) = assets("hostile") else { return };
+    let mut pending = vec![folder];
+    let mut tried = 0;
+    while let Some(folder) = pending.pop() {
+        for entry in std::fs::read_dir(folder).expect("a readable folder") {
+            let path = entry.expect("a readable entry").path();
+            let extension = path.extension().and_then(|extension| extension.to_str()).unwrap_or_default();
+            if path.is_dir() {
+                pending.push(path);
+                continue;
+            }
+            let is_gltf = matches!(extension, "gltf" | "glb");
+            if !is_gltf && !matches!(extension, "obj" | "ply") {
+                continue;
+            }
+            tried += 1;
+            let begun = std::time::Instant::now();
+            match import_file(&path) {
+                Ok(model) => {
+                    assert!(is_gltf, "{} was taken for a glTF", path.display());
+                    assert_sound(&model);
+                }
+                Err(error) => {
+                    let message = error.to_string();
+                    assert!(message.contains(&path.display().to_string()) && message.contains("import"), "{message}");
+                    assert!(is_gltf || message.contains("not a glTF file"), "{message}");
+                }
+            }
+            assert!(begun.elapsed() < SLOWEST, "{} took {:?}", path.display(), begun.elapsed());
+        }
+    }
+    assert_eq!(tried, 399);
+}

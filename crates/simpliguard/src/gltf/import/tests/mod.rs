@@ -1,6 +1,12 @@
 //! Tests of the whole import on hand-built files and on real ones.
 
+mod builder;
+mod compression;
 mod corpus;
+mod geometry;
+mod hostile;
+mod materials;
+mod skins;
 
 use crate::model::Model;
 
