@@ -146,10 +146,10 @@ fn join_roots_of(out: &mut Builder, scene: usize, binding: Option<&Binding>) {
 
 /// Leaves only the default scene.
 fn keep_default_scene(out: &mut Builder, roots: &[usize]) {
-    let name = out.all(Kind::Scene).get(out.default_scene()).and_then(|s| s.get("name")).cloned();
+    let name = out.all(Kind::Scene).get(out.default_scene()).and_then(|s| s.get("name")?.as_str());
     let mut scene = json!({ "nodes": roots });
     if let Some(name) = name {
-        scene["name"] = name;
+        scene["name"] = json!(name);
     }
     *out.all_mut(Kind::Scene) = vec![scene];
     out.json.insert("scene".into(), json!(0));
