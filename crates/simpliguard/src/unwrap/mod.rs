@@ -16,10 +16,12 @@ mod hull;
 mod join;
 mod lscm;
 mod pack;
+mod piece;
 mod quality;
 mod raster;
 mod solver;
 mod split;
+mod strip;
 mod surface;
 #[cfg(test)]
 mod tests;
