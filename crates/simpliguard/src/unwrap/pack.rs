@@ -29,6 +29,9 @@ const LEAST_FIRST_FILL: f64 = 0.02;
 /// Densities tried at full resolution, relative to the one found at half.
 const TIGHTER: [f64; 3] = [1.03, 1.02, 1.01];
 
+/// Number of pieces up to which several orders are tried.
+const FEW: usize = 64;
+
 /// Side below which no coarser grid is searched.
 const LEAST_COARSE_SIDE: usize = 256;
 
@@ -74,6 +77,9 @@ impl Grid {
 /// Places all charts. Never fails: where the gutters leave no room they are given up, then cells are halved.
 pub(super) fn pack(surface: &Surface, charts: &[FlatChart], params: &UnwrapParams) -> Layout {
     let pieces: Vec<Piece> = charts.iter().map(|c| Piece::new(surface, c)).collect();
+    if pieces.is_empty() {
+        return Layout { uv: Vec::new(), density: 0.0 };
+    }
     let mut grid = Grid::new(params.size.max(1) as usize, params.gutter as usize);
     loop {
         if let Some(layout) = densest(&pieces, grid) {
@@ -86,31 +92,55 @@ pub(super) fn pack(surface: &Surface, charts: &[FlatChart], params: &UnwrapParam
     }
 }
 
-/// The densest layout found. It is searched with cells of twice the width, which takes a quarter of the time, and then
-/// tightened.
+/// The densest layout found over the orders. It is searched with cells of twice the width, which takes a quarter of the
+/// time, and then tightened.
 fn densest(pieces: &[Piece], grid: Grid) -> Option<Layout> {
-    let Some(found) = grid.halved().and_then(|coarse| search(pieces, coarse)) else { return search(pieces, grid) };
-    let tighter = TIGHTER.iter().find_map(|factor| layout(pieces, found.density * factor, grid, 1.0));
+    let orders = orders(pieces);
+    let Some((found, order)) = grid.halved().and_then(|coarse| search(pieces, &orders, coarse)) else {
+        return search(pieces, &orders, grid).map(|(layout, _)| layout);
+    };
+    let tighter = TIGHTER.iter().find_map(|factor| layout(pieces, order, found.density * factor, grid, 1.0));
     Some(tighter.map_or(found, |(layout, _)| layout))
 }
 
-/// The height of the strip does not rise evenly with the density, so a secant step only finds the neighbourhood, which
-/// is then searched downwards.
-fn search(pieces: &[Piece], grid: Grid) -> Option<Layout> {
-    let mut density = first_density(pieces, grid);
+/// Orders in which to place the pieces, largest first by area of the bounding box, and while there are few also by its
+/// longer and shorter side.
+fn orders(pieces: &[Piece]) -> Vec<Vec<usize>> {
+    let keys: [fn(DVec2) -> f64; 3] = [DVec2::element_product, DVec2::max_element, DVec2::min_element];
+    let wanted = if pieces.len() <= FEW { 3 } else { 1 };
+    let sorted = |key: &fn(DVec2) -> f64| {
+        let mut order: Vec<usize> = (0..pieces.len()).collect();
+        order.sort_by(|&a, &b| key(pieces[b].extent[0]).total_cmp(&key(pieces[a].extent[0])).then(a.cmp(&b)));
+        order
+    };
+    keys[..wanted].iter().map(sorted).collect()
+}
+
+/// The densest layout over `orders` and its order. The height of the strip does not rise evenly with the density, so a
+/// secant step only finds the neighbourhood, which is then searched downwards.
+fn search<'a>(pieces: &[Piece], orders: &'a [Vec<usize>], grid: Grid) -> Option<(Layout, &'a [usize])> {
+    let mut start = first_density(pieces, grid);
     let (_, height) = (0..TRIALS).find_map(|_| {
-        let found = layout(pieces, density, grid, 2.0);
-        density *= if found.is_some() { 1.0 } else { 0.8 };
+        let found = layout(pieces, orders.first()?, start, grid, 2.0);
+        start *= if found.is_some() { 1.0 } else { 0.8 };
         found
     })?;
-    density *= HEADROOM / height.sqrt();
-    for trial in 0..TRIALS {
-        if let Some((found, _)) = layout(pieces, density, grid, 1.0) {
-            return Some(found);
+    start *= HEADROOM / height.sqrt();
+    let mut best: Option<(Layout, &[usize])> = None;
+    for order in orders {
+        let mut density = start;
+        for trial in 0..TRIALS {
+            if best.as_ref().is_some_and(|(found, _)| found.density >= density) {
+                break;
+            }
+            if let Some((found, _)) = layout(pieces, order, density, grid, 1.0) {
+                best = Some((found, order));
+                break;
+            }
+            density *= if trial < FINE_TRIALS { 0.985 } else { 0.9 };
         }
-        density *= if trial < FINE_TRIALS { 0.985 } else { 0.9 };
     }
-    None
+    best
 }
 
 /// The density at which all pieces, each with the gutter on two sides, come to the part of the atlas aimed at first.
@@ -126,9 +156,9 @@ fn first_density(pieces: &[Piece], grid: Grid) -> f64 {
 }
 
 /// The layout at `density` atlas sides per unit and its height in atlas sides; `None` if that is above `limit`.
-fn layout(pieces: &[Piece], density: f64, grid: Grid, limit: f64) -> Option<(Layout, f64)> {
+fn layout(pieces: &[Piece], order: &[usize], density: f64, grid: Grid, limit: f64) -> Option<(Layout, f64)> {
     let side = grid.side as f64;
-    let (height, places) = place_all(pieces, density * side, grid, (limit * side) as usize)?;
+    let (height, places) = place_all(pieces, order, density * side, grid, (limit * side) as usize)?;
     let at = |(piece, place): (&Piece, Place)| {
         let corner = DVec2::new(place.x as f64, place.y as f64);
         let points = piece.points_at(density * side, place.turn, corner, grid);
@@ -148,16 +178,12 @@ struct Place {
 
 /// Places every piece at `density` cells per unit; the height reached, borders included, and the places. `None` once it
 /// would pass `limit`.
-fn place_all(pieces: &[Piece], density: f64, grid: Grid, limit: usize) -> Option<(usize, Vec<Place>)> {
+fn place_all(pieces: &[Piece], order: &[usize], density: f64, grid: Grid, limit: usize) -> Option<(usize, Vec<Place>)> {
     let stamps: Vec<[Stamp; 4]> = pieces.iter().map(|p| p.stamps(density, grid)).collect();
-    let mut order: Vec<usize> = (0..pieces.len()).collect();
-    let longest = |i: usize| stamps[i][0].width.max(stamps[i][0].height);
-    let cells = |i: usize| stamps[i][0].width * stamps[i][0].height;
-    order.sort_by_key(|&i| (std::cmp::Reverse((longest(i), cells(i))), i));
     let mut strip = Strip::new(grid);
     let mut places = vec![Place::default(); pieces.len()];
     let mut top = 0;
-    for i in order {
+    for &i in order {
         let mut best = None;
         let mut room = limit.checked_sub(grid.border)? + 1;
         for (turn, stamp) in stamps[i].iter().enumerate() {
@@ -187,7 +213,7 @@ mod tests {
     fn charts_keep_the_gutter_between_them_and_half_of_it_to_the_border() {
         let grid = Grid::new(32, 4);
         let pieces = [square(9.5), square(9.5), square(9.5), square(9.5)];
-        let (height, places) = place_all(&pieces, 1.0, grid, 32).expect("fits");
+        let (height, places) = place_all(&pieces, &[0, 1, 2, 3], 1.0, grid, 32).expect("fits");
         let corners: Vec<(usize, usize)> = places.iter().map(|p| (p.x, p.y)).collect();
         assert_eq!(corners, [(2, 2), (16, 2), (2, 16), (16, 16)]);
         assert_eq!(height, 28);

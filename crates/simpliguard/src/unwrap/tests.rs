@@ -109,7 +109,7 @@ fn check(mesh: &TriMesh, params: &UnwrapParams) -> Atlas {
 #[test]
 fn an_empty_mesh_gives_an_empty_atlas() {
     let atlas = check(&TriMesh::default(), &UnwrapParams::default());
-    assert_eq!((atlas.charts, atlas.stretch, atlas.fill), (0, 1.0, 0.0));
+    assert_eq!((atlas.charts, atlas.stretch, atlas.fill, atlas.texels_per_unit), (0, 1.0, 0.0, 0.0));
 }
 
 #[test]
