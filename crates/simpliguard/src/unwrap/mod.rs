@@ -1,13 +1,15 @@
 //! Texture coordinates of a level.
 //!
-//! Charts are grown by normals ([`cluster`]; Garland et al. 2001, Cohen-Steiner et al. 2004), laid flat by least squares
-//! conformal maps ([`lscm`]; Levy et al. 2002), split where that fails ([`split`]), joined where it succeeds for two
-//! at once ([`join`]) and placed on the texel grid ([`pack`]). The result has no flipped face and no overlap for any
-//! input: edges that are not manifold are cut, faces without area are fattened, and a single face can always be laid
-//! flat.
+//! Charts are grown by normals (`cluster`; Garland et al. 2001, Cohen-Steiner et al. 2004), laid flat by least squares
+//! conformal maps evened out by as-rigid-as-possible steps (`lscm`; Levy et al. 2002, Liu et al. 2008), split where
+//! that fails (`split`), joined where two lie flat as one (`join`) and placed on the texel grid (`pack`). The result has
+//! no flipped face and no overlap for any input: edges that are not manifold are cut, faces without area are fattened,
+//! and a single face can always be laid flat.
 //!
-//! Limits: a closed or ring-shaped part is cut into at least two charts; faces thinner than a millionth of the atlas
-//! side are taken out of their charts and enlarged. Where an atlas is so small that the charts' gutters leave no room, gutters shrink to nothing.
+//! Limits: a closed or ring-shaped part is cut into at least two charts; a chart has one texel density, the mean of its
+//! faces'. Faces thinner than a hundredth of their length are widened to that; those thinner than a millionth of the
+//! atlas side are taken out of their charts. Where an atlas is so small that the gutters leave no room, gutters shrink,
+//! in the end to nothing.
 
 mod bitmap;
 mod chart;

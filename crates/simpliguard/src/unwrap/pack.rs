@@ -1,8 +1,8 @@
 //! Places flat charts in the atlas.
 //!
 //! Each chart is turned to its smallest bounding box and rasterised: every cell it touches, so that charts on different
-//! cells cannot overlap at any resolution. Largest first, each goes to the lowest free place, at any of the four
-//! quarter turns, tested against the cells taken so far (as xatlas does), with the gutter around it free. The strip is open
+//! cells cannot overlap at any resolution. Largest first, each goes to the lowest free place at any of the four quarter
+//! turns, tested against the cells taken so far (as xatlas does), with the gutter around it free. The strip is open
 //! upwards; the texel density is searched so that its height comes out as its width.
 
 use glam::DVec2;

@@ -207,6 +207,16 @@ fn less_important_faces_get_fewer_texels() {
 }
 
 #[test]
+fn a_chart_far_below_a_texel_gets_the_area_of_one() {
+    let mut mesh = TriMesh { positions: cube().positions, triangles: vec![[0, 1, 3], [0, 3, 2], [8, 9, 10]] };
+    mesh.positions.extend([Vec3::ONE, Vec3::ONE + 1e-5 * Vec3::X, Vec3::ONE + 1e-5 * Vec3::Y]);
+    for size in [128, 512] {
+        let [a, b, c] = check(&mesh, &UnwrapParams { size, gutter: 2 }).uvs[2].map(|p| p * size as f32);
+        assert!(0.5 * (b - a).perp_dot(c - a) > 0.99);
+    }
+}
+
+#[test]
 fn equal_bytes_for_one_thread_and_four() {
     let mesh = torus(24, 12);
     let with = |threads| {
