@@ -17,11 +17,12 @@ impl Bitmap {
         Self { width, height, words, bits: vec![0; words * height] }
     }
 
-    /// Every cell that the counter-clockwise or clockwise triangle touches; it must lie inside the grid.
+    /// Every cell that a triangle of either orientation touches; it must lie inside the grid.
     pub(super) fn cover(&mut self, t: &[DVec2; 3]) {
         let (low, high) = (t[0].min(t[1]).min(t[2]), t[0].max(t[1]).max(t[2]));
-        let last = ((high.y.floor().max(0.0)) as usize).min(self.height.saturating_sub(1));
-        for y in low.y.floor().max(0.0) as usize..=last {
+        // Truncation is the floor here: no coordinate is negative.
+        let last = (high.y as usize).min(self.height.saturating_sub(1));
+        for y in low.y as usize..=last {
             let (mut left, mut right) = (f64::INFINITY, f64::NEG_INFINITY);
             for k in 0..3 {
                 if let Some((a, b)) = within_rows(t[k], t[(k + 1) % 3], y as f64, y as f64 + 1.0) {
@@ -30,8 +31,8 @@ impl Bitmap {
                 }
             }
             if left <= right {
-                let end = (right.max(low.x).min(high.x).floor() as usize + 1).min(self.width);
-                self.set(y, left.max(low.x).floor().max(0.0) as usize, end);
+                let end = (right.min(high.x) as usize + 1).min(self.width);
+                self.set(y, left.max(low.x) as usize, end);
             }
         }
     }

@@ -1,13 +1,15 @@
 //! Texture coordinates of a level.
 //!
-//! Charts are grown by normals ([`cluster`]; Garland et al. 2001, Cohen-Steiner et al. 2004), laid flat by least squares
-//! conformal maps ([`lscm`]; Levy et al. 2002), split where that fails ([`split`]), joined where it succeeds for two
-//! at once ([`join`]) and placed on the texel grid ([`pack`]). The result has no flipped face and no overlap for any
-//! input: edges that are not manifold are cut, faces without area are fattened, and a single face can always be laid
-//! flat.
+//! Charts are grown by normals (`cluster`; Garland et al. 2001, Cohen-Steiner et al. 2004), laid flat by least squares
+//! conformal maps evened out by as-rigid-as-possible steps (`lscm`; Levy et al. 2002, Liu et al. 2008), split where
+//! that fails (`split`), joined where two lie flat as one (`join`) and placed on the texel grid (`pack`). The result has
+//! no flipped face and no overlap for any input: edges that are not manifold are cut, faces without area are fattened,
+//! and a single face can always be laid flat.
 //!
-//! Limits: a closed or ring-shaped part is cut into at least two charts; faces below a ten-thousandth of the atlas side
-//! are enlarged. Where an atlas is so small that the charts' gutters leave no room, gutters shrink to nothing.
+//! Limits: a closed or ring-shaped part is cut into at least two charts; a chart has one texel density, the mean of its
+//! faces'. Faces thinner than a hundredth of their length are widened to that; those thinner than a millionth of the
+//! atlas side are taken out of their charts. Where an atlas is so small that the gutters leave no room, gutters shrink,
+//! in the end to nothing.
 
 mod bitmap;
 mod chart;
@@ -16,10 +18,12 @@ mod hull;
 mod join;
 mod lscm;
 mod pack;
+mod piece;
 mod quality;
 mod raster;
 mod solver;
 mod split;
+mod strip;
 mod surface;
 #[cfg(test)]
 mod tests;
@@ -41,8 +45,11 @@ const SPLIT_STRETCH: f64 = 1.3;
 /// Stretch up to which two charts are joined.
 const JOIN_STRETCH: f64 = 1.06;
 
-/// Least height of a face in the atlas as a fraction of the atlas side: some hundred steps of `f32`.
-const LEAST_HEIGHT: f64 = 1e-5;
+/// Least height of a face in the atlas as a fraction of the atlas side: some ten steps of `f32`.
+const LEAST_HEIGHT: f64 = 1e-6;
+
+/// Times that faces below the least height are taken out of their charts; then those charts fall apart.
+const RESCUES: usize = 3;
 
 /// Size and spacing of an atlas.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -92,30 +99,38 @@ pub fn unwrap(mesh: &TriMesh, importance: Option<&[f32]>, params: &UnwrapParams)
         .map(|faces| split::flatten(&surface, faces, &split_limits))
         .collect();
     let mut charts = join::join(&surface, charts.into_iter().flatten().collect(), &Limits { stretch: JOIN_STRETCH });
+    let mut rescues = 0;
     loop {
         charts.sort_by_key(|c| c.chart.faces[0]);
         let layout = pack::pack(&surface, &charts, params);
-        let (sound, collapsed): (Vec<_>, Vec<_>) = charts
-            .into_iter()
-            .zip(&layout.uv)
-            .partition(|(c, uv)| c.chart.faces.len() == 1 || survives_rounding(c, uv));
-        charts = sound.into_iter().map(|(c, _)| c).collect();
-        if collapsed.is_empty() {
+        let collapsed: Vec<Vec<bool>> = charts.iter().zip(&layout.uv).map(|(c, uv)| collapsed_faces(c, uv)).collect();
+        if !collapsed.iter().flatten().any(|&c| c) {
             return atlas(&surface, &charts, &layout, params);
         }
-        for face in collapsed.iter().flat_map(|(c, _)| &c.chart.faces) {
-            charts.extend(split::flatten(&surface, vec![*face], &split_limits));
-        }
+        rescues += 1;
+        let keep_rest = rescues <= RESCUES;
+        let rescue = |(flat, lost): (FlatChart, Vec<bool>)| {
+            if !lost.contains(&true) {
+                return vec![flat];
+            }
+            let alone = |i: usize| lost[i] || !keep_rest;
+            let pieces = split::without(&surface, &flat.chart.faces, alone);
+            pieces.into_iter().flat_map(|faces| split::flatten(&surface, faces, &split_limits)).collect()
+        };
+        charts = charts.into_iter().zip(collapsed).flat_map(rescue).collect();
     }
 }
 
-/// Whether every face keeps its orientation when its corners are rounded to `f32`.
-fn survives_rounding(flat: &FlatChart, uv: &[DVec2]) -> bool {
-    (0..flat.chart.faces.len()).all(|i| {
+/// For each face whether it loses its orientation, or nearly so, when its corners are rounded to `f32`. A chart of one
+/// face is enlarged where it is small and fattened where it is thin, so it never does.
+fn collapsed_faces(flat: &FlatChart, uv: &[DVec2]) -> Vec<bool> {
+    let several = flat.chart.faces.len() > 1;
+    let collapsed = |i: usize| {
         let t = flat.chart.triangle(uv, i).map(|p| p.as_vec2().as_dvec2());
         let longest = (0..3).map(|k| t[k].distance(t[(k + 1) % 3])).fold(0.0, f64::max);
-        doubled_area(&t) > LEAST_HEIGHT * longest
-    })
+        several && doubled_area(&t) <= LEAST_HEIGHT * longest
+    };
+    (0..flat.chart.faces.len()).map(collapsed).collect()
 }
 
 fn atlas(surface: &Surface, charts: &[FlatChart], layout: &Layout, params: &UnwrapParams) -> Atlas {

@@ -61,10 +61,10 @@ pub(super) fn fill(uvs: &[[Vec2; 3]], size: u32) -> f32 {
 }
 
 fn counts(uvs: &[[Vec2; 3]], size: u32) -> Vec<u8> {
-    let mut counts = vec![0u8; (size * size) as usize];
+    let mut counts = vec![0u8; size as usize * size as usize];
     for uv in uvs {
         texels(uv, size, |x, y| {
-            let slot = &mut counts[(y * size + x) as usize];
+            let slot = &mut counts[y as usize * size as usize + x as usize];
             *slot = slot.saturating_add(1);
         });
     }

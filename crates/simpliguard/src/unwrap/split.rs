@@ -1,7 +1,7 @@
 //! Splits a chart in two and lays charts flat, splitting until each is valid.
 
 use std::cmp::Reverse;
-use std::collections::{BTreeSet, BinaryHeap};
+use std::collections::{BTreeMap, BTreeSet, BinaryHeap};
 
 use glam::DVec3;
 
@@ -9,6 +9,7 @@ use super::chart::{Chart, FlatChart};
 use super::lscm::parametrise;
 use super::quality::Limits;
 use super::surface::Surface;
+use crate::mesh::DisjointSets;
 
 /// Rounds of growing and re-seeding.
 const ROUNDS: usize = 4;
@@ -25,6 +26,26 @@ pub(super) fn flatten(surface: &Surface, faces: Vec<u32>, limits: &Limits) -> Ve
         }
     }
     out
+}
+
+/// The faces for which `alone(index)` holds one by one, and the connected parts of the rest.
+pub(super) fn without(surface: &Surface, faces: &[u32], alone: impl Fn(usize) -> bool) -> Vec<Vec<u32>> {
+    let mut sets = DisjointSets::new(faces.len());
+    for (i, &f) in faces.iter().enumerate() {
+        for (_, n) in surface.neighbours(f) {
+            if let Ok(j) = faces.binary_search(&n)
+                && !alone(i)
+                && !alone(j)
+            {
+                sets.join(i, j);
+            }
+        }
+    }
+    let mut parts = BTreeMap::<usize, Vec<u32>>::new();
+    for (i, &f) in faces.iter().enumerate() {
+        parts.entry(sets.find(i)).or_default().push(f);
+    }
+    parts.into_values().collect()
 }
 
 /// Two connected, non-empty halves of at least two connected faces by variational shape approximation (Cohen-Steiner
@@ -129,5 +150,13 @@ mod tests {
             assert_eq!(covered, all);
             assert!(charts.len() > 1 && charts.len() <= 16, "{}", charts.len());
         }
+    }
+
+    #[test]
+    fn the_parts_around_a_removed_face_stay_whole() {
+        let surface = Surface::new(&cube(), None);
+        // Two sides of the belt: faces 4 and 7 meet at their common edge, 5 and 6 lie at the ends.
+        assert_eq!(without(&surface, &[4, 5, 6, 7], |i| i == 1), [vec![4, 6, 7], vec![5]]);
+        assert_eq!(without(&surface, &[4, 5, 6, 7], |i| i == 0), [vec![4], vec![5], vec![6, 7]]);
     }
 }

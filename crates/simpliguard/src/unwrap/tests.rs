@@ -109,7 +109,7 @@ fn check(mesh: &TriMesh, params: &UnwrapParams) -> Atlas {
 #[test]
 fn an_empty_mesh_gives_an_empty_atlas() {
     let atlas = check(&TriMesh::default(), &UnwrapParams::default());
-    assert_eq!((atlas.charts, atlas.stretch, atlas.fill), (0, 1.0, 0.0));
+    assert_eq!((atlas.charts, atlas.stretch, atlas.fill, atlas.texels_per_unit), (0, 1.0, 0.0, 0.0));
 }
 
 #[test]
@@ -204,6 +204,16 @@ fn less_important_faces_get_fewer_texels() {
     assert!((area(0) / area(12) - 16.0).abs() < 0.1, "{}", area(0) / area(12));
     let total: f32 = (0..12).map(area).sum();
     assert!(((total / 6.0).sqrt() * 1024.0 / atlas.texels_per_unit - 1.0).abs() < 1e-3);
+}
+
+#[test]
+fn a_chart_far_below_a_texel_gets_the_area_of_one() {
+    let mut mesh = TriMesh { positions: cube().positions, triangles: vec![[0, 1, 3], [0, 3, 2], [8, 9, 10]] };
+    mesh.positions.extend([Vec3::ONE, Vec3::ONE + 1e-5 * Vec3::X, Vec3::ONE + 1e-5 * Vec3::Y]);
+    for size in [128, 512] {
+        let [a, b, c] = check(&mesh, &UnwrapParams { size, gutter: 2 }).uvs[2].map(|p| p * size as f32);
+        assert!(0.5 * (b - a).perp_dot(c - a) > 0.99);
+    }
 }
 
 #[test]
