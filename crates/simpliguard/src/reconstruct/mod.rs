@@ -1,15 +1,15 @@
 //! A watertight manifold around any triangle soup.
 //!
 //! 1. An unsigned distance field in a narrow band, in sparse bricks of 8 x 8 x 8 samples found by octree descent
-//!    ([`field`]).
+//!    (`field`).
 //! 2. Outside is what a flood from the corner reaches through samples farther than `offset` from the surface. Every
 //!    edge that crosses the surface has an end within half a cell of it, so with `offset` above one half nothing leaks;
-//!    holes narrower than about two offsets close ([`flood`]).
+//!    holes narrower than about two offsets close (`flood`).
 //! 3. Samples are added to the inside until no 2 x 2 face and no cell is connected across a diagonal only
 //!    (well-composed sets, Latecki 1997): then the boundary is a 2-manifold and one vertex per cell is enough
-//!    ([`repair`]).
+//!    (`repair`).
 //! 4. Surface nets (Gibson 1998) place one vertex per boundary cell, and each is pulled back onto the source
-//!    ([`nets`]).
+//!    (`nets`).
 //!
 //! Open sheets become slabs of twice the offset, pulled back to a tenth of a cell. Parts thinner than a cell are kept.
 //! Self-intersections after the pull are possible where two sheets lie within a cell.

@@ -1,9 +1,9 @@
 //! Differentiable rendering: texture by least squares, vertices by gradient descent (paper 3.4).
 //!
-//! The level is rendered with analytic antialiasing ([`forward`]), compared with the source's pictures ([`loss`]), and
-//! the error is carried back to the vertices ([`backward`]). For fixed vertices the texture that fits the pictures best
+//! The level is rendered with analytic antialiasing (`forward`), compared with the source's pictures (`loss`), and
+//! the error is carried back to the vertices (`backward`). For fixed vertices the texture that fits the pictures best
 //! is a linear problem: bilinear sampling couples a texel with its eight neighbours only, so its normal equations are a
-//! nine-point stencil whatever the number of views ([`stencil`]).
+//! nine-point stencil whatever the number of views (`stencil`).
 //!
 //! Colours are sRGB encoded here: errors then weigh as they are seen.
 
