@@ -1,6 +1,6 @@
 //! From a shape to a finished level: unwrap, texture, refine, rig.
 
-use glam::{Vec3, Vec4};
+use glam::Vec4;
 use rayon::prelude::*;
 
 use crate::chain::LevelReport;
@@ -167,7 +167,7 @@ fn is_cut_out(shape: &Shape, samples: &[Option<SurfaceSample>]) -> bool {
 /// Encoded colours with their gutters, and which texels a triangle covers.
 fn initial_texture(samples: &[Option<SurfaceSample>], size: usize) -> (Vec<Vec4>, Vec<bool>) {
     let covered: Vec<bool> = samples.iter().map(Option::is_some).collect();
-    let encoded = |s: &SurfaceSample| Vec3::from(s.base_color.truncate()).map(linear_to_srgb).extend(1.0);
+    let encoded = |s: &SurfaceSample| s.base_color.truncate().map(linear_to_srgb).extend(1.0);
     let mut texels: Vec<Vec4> =
         samples.par_iter().with_min_len(4096).map(|s| s.as_ref().map_or(Vec4::ZERO, encoded)).collect();
     texture::fill(&mut texels, &covered, size);

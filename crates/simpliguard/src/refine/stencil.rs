@@ -247,9 +247,9 @@ mod tests {
             out
         };
         let matrix: Vec<Vec<Vec4>> = (0..16).map(column).collect();
-        for i in 0..16 {
-            for j in 0..16 {
-                assert_eq!(matrix[i][j], matrix[j][i]);
+        for (i, column) in matrix.iter().enumerate() {
+            for (j, value) in column.iter().enumerate() {
+                assert_eq!(*value, matrix[j][i]);
             }
         }
     }

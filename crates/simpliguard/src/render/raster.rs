@@ -132,8 +132,7 @@ impl Raster {
         }
         let [a, b, c] = clip.map(|c| to_pixels(c, self.size));
         let area = (b.x - a.x) * (c.y - a.y) - (b.y - a.y) * (c.x - a.x);
-        // NaN fails the first comparison.
-        if !(area.abs() > 1e-12) || (area < 0.0 && !double_sided()) {
+        if area.is_nan() || area.abs() <= 1e-12 || (area < 0.0 && !double_sided()) {
             return None;
         }
         let zx = ((b.z - a.z) * (c.y - a.y) - (c.z - a.z) * (b.y - a.y)) / area;
@@ -248,7 +247,7 @@ mod tests {
         for (double_sided, seen) in [(false, false), (true, true)] {
             let mut raster = Raster::new(8);
             raster.draw(&corners, &[[0, 1, 2]], |_| double_sided);
-            assert_eq!(raster.ids.iter().any(|&id| id == 0), seen);
+            assert_eq!(raster.ids.contains(&0), seen);
         }
     }
 
