@@ -103,18 +103,20 @@ fn fit(shared: &Shared<'_>, full: &Canvas<'_>, shape: &Shape, number: u32, budge
     let Shared { model, settings, context, clock, .. } = *shared;
     let small = Canvas::new(shared, full.atlas, full.size.min(FITTED_SIZE));
     context.report(StageId::Texture, Some(number as usize), 0.45);
-    let (mut low, alpha) = clock.time(StageId::Texture, || {
+    let (mut low, alpha, smoothness) = clock.time(StageId::Texture, || {
         let samples = small.bake(&shape.mesh);
         let alpha = is_cut_out(shape, &samples);
         let (texels, covered) = initial_texture(&samples, small.size);
-        (LowPoly::new(&shape.mesh, full.atlas, shape.double_sided || alpha, small.size, texels, covered), alpha)
+        let double_sided = shape.double_sided || alpha;
+        let low = LowPoly::new(&shape.mesh, full.atlas, double_sided, small.size, texels, covered);
+        (low, alpha, small.smoothness(&samples))
     });
     context.report(StageId::Refine, Some(number as usize), 0.5);
     let params = refine::Params {
         // A cut-out's outline is in its texture, not at its vertices.
         steps: if alpha { 0 } else { settings.refine_steps },
         step_length: settings.step_length,
-        smoothness: settings.texture_smoothness,
+        smoothness,
         resolve_every: RESOLVE_EVERY,
         seed: shared.seed ^ u64::from(budget),
     };
@@ -134,13 +136,16 @@ impl<'a> Canvas<'a> {
         texture::bake(sampler, bvh, frame, mesh, self.atlas, &self.texels, self.size)
     }
 
+    /// How the texture is to be solved: not at all if it has one colour.
+    fn smoothness(&self, samples: &[Option<SurfaceSample>]) -> Option<f32> {
+        (!is_uniform(samples)).then_some(self.shared.settings.texture_smoothness)
+    }
+
     /// The texture at full size: baked anew on the final vertices, then fitted to the views, unless it has one colour.
     fn finish(&self, low: LowPoly, samples: &[Option<SurfaceSample>]) -> (LowPoly, f32) {
         let (texels, covered) = initial_texture(samples, self.size);
         let mut low = low.retextured(self.atlas, self.size, texels, covered);
-        let smoothness = self.shared.settings.texture_smoothness;
-        let solve = !is_uniform(samples);
-        let psnr = refine::fit_texture(&mut low, &self.shared.views, smoothness, solve);
+        let psnr = refine::fit_texture(&mut low, &self.shared.views, self.smoothness(samples));
         (low, psnr)
     }
 }

@@ -32,8 +32,8 @@ pub struct Params {
     pub steps: u32,
     /// First step length as a part of the mean edge.
     pub step_length: f32,
-    /// Weight of the texture's smoothness, in pixels.
-    pub smoothness: f32,
+    /// Weight of the texture's smoothness, in pixels; `None` leaves the texture as it is.
+    pub smoothness: Option<f32>,
     /// Steps between two solutions of the texture.
     pub resolve_every: u32,
     /// Order in which views are taken.
@@ -79,13 +79,10 @@ pub fn refine(
     Ok(refined)
 }
 
-/// Fits the texture alone, if `solve` and if that gains anything; returns the PSNR over the views held out, in dB.
-pub fn fit_texture(low: &mut LowPoly, views: &[View], smoothness: f32, solve: bool) -> f32 {
+/// Fits the texture alone, if that gains anything; returns the PSNR over the views held out, in dB.
+pub fn fit_texture(low: &mut LowPoly, views: &[View], smoothness: Option<f32>) -> f32 {
     let split = Split::new(views);
     let before = split.judge(low);
-    if !solve {
-        return before;
-    }
     let initial = low.texels.clone();
     split.solve(low, smoothness);
     let after = split.judge(low);
@@ -114,8 +111,10 @@ impl<'a> Split<'a> {
         Self { fitted_rects: rects(&fitted), held_out_rects: rects(&held_out), fitted, held_out }
     }
 
-    fn solve(&self, low: &mut LowPoly, smoothness: f32) {
-        solve_texture(low, &self.fitted, &self.fitted_rects, smoothness, SOLVE_ITERATIONS);
+    fn solve(&self, low: &mut LowPoly, smoothness: Option<f32>) {
+        if let Some(smoothness) = smoothness {
+            solve_texture(low, &self.fitted, &self.fitted_rects, smoothness, SOLVE_ITERATIONS);
+        }
     }
 
     /// Mean PSNR over the views held out, on white, in dB.

@@ -62,7 +62,7 @@ impl<'a> Renderer<'a> {
     /// The model from `camera`.
     pub fn draw(&mut self, camera: &Camera, light: Light) -> Picture {
         let clip = camera.project(&self.sampler.model().surface.positions);
-        let rect = Rect::around(&clip, self.raster.size, self.samples);
+        let rect = Rect::around(&clip, self.raster.size, self.samples).aligned(self.samples);
         self.raster.clear(rect);
         for y in rect.rows() {
             let row = y * self.raster.size;
@@ -111,8 +111,8 @@ impl<'a> Renderer<'a> {
         let size = fine / n;
         let scale = 255.0 / (n * n) as f32;
         let mut pixels = vec![[0; 4]; size * size];
-        for y in rect.y0 / n..rect.y1.div_ceil(n) {
-            for x in rect.x0 / n..rect.x1.div_ceil(n) {
+        for y in rect.y0 / n..rect.y1 / n {
+            for x in rect.x0 / n..rect.x1 / n {
                 let mut sum = Vec4::ZERO;
                 for row in 0..n {
                     let start = (y * n + row) * fine + x * n;
@@ -258,6 +258,18 @@ mod tests {
     fn base_colour_is_encoded_to_srgb() {
         let model = card(vec![paint(0.5, 1.0, AlphaMode::Opaque)]);
         assert_eq!(centre_pixel(&model, Light::None), [188, 0, 0, 255]);
+    }
+
+    #[test]
+    fn a_view_holds_nothing_of_the_one_before() {
+        let model = card(vec![paint(1.0, 1.0, AlphaMode::Opaque)]);
+        let sampler = SurfaceSampler::new(&model);
+        let from = |radius: f32| Camera::orbit(&Frame { centre: Vec3::ZERO, radius }, Vec3::Z, 0.7, 1.0);
+        let mut reused = Renderer::new(&sampler, 33, 2);
+        for radius in [1.0, 1.6, 2.1, 3.3] {
+            let fresh = Renderer::new(&sampler, 33, 2).draw(&from(radius), Light::None);
+            assert_eq!(reused.draw(&from(radius), Light::None), fresh);
+        }
     }
 
     #[test]

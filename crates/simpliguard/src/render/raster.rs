@@ -35,6 +35,12 @@ impl Rect {
         }
     }
 
+    /// Grown to whole blocks of `n` x `n` pixels.
+    pub fn aligned(&self, n: usize) -> Self {
+        let up = |x: usize| x.next_multiple_of(n);
+        Self { x0: self.x0 / n * n, y0: self.y0 / n * n, x1: up(self.x1), y1: up(self.y1) }
+    }
+
     /// Rows of the rectangle.
     pub fn rows(&self) -> std::ops::Range<usize> {
         self.y0..self.y1.max(self.y0)
