@@ -185,8 +185,11 @@ fn make_levels(
     let hash = blake3::hash(source.bytes);
     let seed = hash.as_bytes()[..8].iter().fold(0u64, |seed, &byte| seed << 8 | u64::from(byte));
     let sampler = SurfaceSampler::new(model);
-    let (bvh, views) = rayon::join(
-        || clock.time(StageId::Shape, || Bvh::new(&surface.positions, &surface.triangles)),
+    let ((bvh, solid), views) = rayon::join(
+        || {
+            clock
+                .time(StageId::Shape, || (Bvh::new(&surface.positions, &surface.triangles), shape::Solid::of(&sampler)))
+        },
         || {
             let cameras = viewpoints(&frame, settings.views as usize, seed);
             clock.time(StageId::Refine, || take_views(&sampler, &cameras, settings.view_size as usize))
@@ -194,7 +197,7 @@ fn make_levels(
     );
     context.check(&model.name)?;
     context.report(StageId::Shape, None, 0.15);
-    let inputs = shape::Inputs { model, bvh: &bvh, frame, views: &views };
+    let inputs = shape::Inputs { model, solid: &solid, frame, views: &views };
     let params = shape_params(settings, budgets);
     let shapes = clock.time(StageId::Shape, || shape::shape(&inputs, &params, context))?;
     let deviations: Vec<Deviation> = shapes.par_iter().map(|s| shape::deviation(&inputs, &s.mesh)).collect();

@@ -43,6 +43,11 @@ impl Model {
             notes: Vec::new(),
         }
     }
+
+    /// The material of triangle `t` of the surface.
+    pub fn material_of(&self, t: u32) -> &Material {
+        &self.materials[self.surface.material[t as usize] as usize]
+    }
 }
 
 /// A triangle soup in world space: metres, right-handed, y up, counter-clockwise faces seen from outside.

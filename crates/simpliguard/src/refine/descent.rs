@@ -22,6 +22,8 @@ const GRADIENT_WEIGHT: f32 = 0.5;
 const LAPLACIAN_WEIGHT: f32 = 0.02;
 /// Factor on the step length from step to step.
 const DECAY: f32 = 0.992;
+/// Factor on the step length after steps that gained nothing.
+const BACKTRACK: f32 = 0.3;
 /// Iterations of the texture's conjugate gradients.
 const SOLVE_ITERATIONS: usize = 30;
 
@@ -188,6 +190,11 @@ fn descend(
             tracing::trace!(step, psnr, "refine");
             if psnr > best.0 {
                 best = (psnr, low.positions.clone(), low.texels.clone());
+            } else {
+                // Too long a stride: from the best iterate on with shorter ones.
+                (low.positions, low.texels) = (best.1.clone(), best.2.clone());
+                adam = Adam::new(origin.len());
+                rate *= BACKTRACK;
             }
         }
     }

@@ -27,23 +27,22 @@ pub struct Deviation {
 
 /// Measures a level against the source.
 pub fn deviation(inputs: &Inputs<'_>, level: &TriMesh) -> Deviation {
-    let surface = &inputs.model.surface;
-    let (low, high) = bounds(&surface.positions);
+    let (source, bvh) = (&inputs.solid.mesh, &inputs.solid.bvh);
+    let (low, high) = bounds(&source.positions);
     let diagonal = low.distance(high).max(f32::MIN_POSITIVE);
-    let source = TriMesh { positions: surface.positions.clone(), triangles: surface.triangles.clone() };
     let level_bvh = Bvh::new(&level.positions, &level.triangles);
     let directions = fibonacci_directions(2 * RAYS);
     let seen = |(p, n): &(Vec3, Vec3)| {
         let lift = 1e-4 * diagonal;
         directions.iter().any(|&d| {
             let side = if d.dot(*n) < 0.0 { -*n } else { *n };
-            d.dot(side) > 0.1 && !inputs.bvh.occluded(*p + side * lift, d, 2.0 * diagonal)
+            d.dot(side) > 0.1 && !bvh.occluded(*p + side * lift, d, 2.0 * diagonal)
         })
     };
     let distance = |bvh: &Bvh, p: Vec3| bvh.closest(p, f32::INFINITY).map_or(0.0, |hit| hit.distance / diagonal);
-    let mut distances: Vec<f32> = points(level, POINTS).par_iter().map(|(p, _)| distance(inputs.bvh, *p)).collect();
+    let mut distances: Vec<f32> = points(level, POINTS).par_iter().map(|(p, _)| distance(bvh, *p)).collect();
     let from_source: Vec<f32> =
-        points(&source, POINTS).par_iter().filter(|p| seen(p)).map(|(p, _)| distance(&level_bvh, *p)).collect();
+        points(source, POINTS).par_iter().filter(|p| seen(p)).map(|(p, _)| distance(&level_bvh, *p)).collect();
     distances.extend(from_source);
     distances.sort_by(f32::total_cmp);
     let Some(&max) = distances.last() else { return Deviation::default() };

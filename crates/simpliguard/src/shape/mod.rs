@@ -11,6 +11,7 @@ mod candidates;
 mod collapse;
 mod deviation;
 mod quadric;
+mod solid;
 mod visibility;
 mod weld;
 
@@ -21,10 +22,11 @@ use crate::mesh::TriMesh;
 use crate::model::Model;
 use crate::reconstruct::{self, reconstruct};
 use crate::render::{Frame, View};
-use crate::{Bvh, Context, Error, StageId};
+use crate::{Context, Error, StageId};
 use collapse::Simplifier;
 
 pub use deviation::{Deviation, deviation};
+pub use solid::Solid;
 
 /// Faces kept, as a multiple of the largest budget, when enclosed faces are looked for.
 const ENCLOSED_AT: usize = 4;
@@ -85,8 +87,8 @@ pub struct Shape {
 pub struct Inputs<'a> {
     /// The source.
     pub model: &'a Model,
-    /// Over the source's triangles.
-    pub bvh: &'a Bvh,
+    /// Its triangles that can be seen at all.
+    pub solid: &'a Solid,
     /// Around the source.
     pub frame: Frame,
     /// The source's pictures.
@@ -192,17 +194,18 @@ struct Dense {
 }
 
 fn dense(inputs: &Inputs<'_>, params: &Params, road: Road) -> Dense {
-    let surface = &inputs.model.surface;
+    let solid = inputs.solid;
     let (mesh, two_sided): (TriMesh, Vec<bool>) = match road {
         Road::Reconstruction(p) => {
-            let mesh = reconstruct(&surface.positions, &surface.triangles, inputs.bvh, &p);
+            let mesh = reconstruct(&solid.mesh.positions, &solid.mesh.triangles, &solid.bvh, &p);
             let faces = mesh.triangles.len();
             (mesh, vec![false; faces])
         }
         Road::Source => {
-            let (mesh, source) = weld::weld(&surface.positions, &surface.triangles);
-            let material = |t: &u32| &inputs.model.materials[surface.material[*t as usize] as usize];
-            (mesh, source.iter().map(|t| material(t).double_sided).collect())
+            let (mesh, welded_from) = weld::weld(&solid.mesh.positions, &solid.mesh.triangles);
+            let two_sided =
+                welded_from.iter().map(|&t| inputs.model.material_of(solid.source[t as usize]).double_sided);
+            (mesh, two_sided.collect())
         }
     };
     let pixels = visibility::visible_pixels(&mesh, &inputs.frame, &|t| two_sided[t]);
