@@ -1,4 +1,5 @@
 //! Tests of the product as a whole: what the repository ships besides code agrees with the code.
 
 mod assets;
+mod bake;
 mod readme;

@@ -271,7 +271,7 @@ settings! {
     watertight: bool = always(false), Limit::None, [Shape];
     /// How a level gets its joint weights.
     skin_transfer: SkinTransfer = always(SkinTransfer::ClosestSurface), Limit::None, [Rig];
-    /// Side of each level's square textures, in texels.
+    /// Side of each level's square textures, in texels; levels of at most 1,000 faces get half of it.
     texture_size: u32 = always(1024), Limit::PowerOfTwo(64, 4096), [Unwrap, Texture, Refine];
     /// Distance between charts, in texels.
     gutter: u32 = always(4), Limit::Between(1.0, 16.0), [Unwrap, Texture];
