@@ -226,6 +226,7 @@ fn shape_params(settings: &BakeSettings, budgets: &[u32]) -> shape::Params {
         reconstructions,
         // The source's own triangles need not be closed.
         source: settings.candidates != Candidates::Reconstruction && !settings.watertight,
+        cards: settings.candidates == Candidates::All && !settings.watertight,
         remove_invisible: settings.remove_invisible && !settings.watertight,
         visible_weight: f64::from(settings.visible_weight),
         curvature: f64::from(settings.curvature),

@@ -11,7 +11,7 @@ use crate::refine::{self, LowPoly, Refined};
 use crate::render::{Frame, SurfaceSample, SurfaceSampler, View};
 use crate::rig::{self, Transfer};
 use crate::settings::{BakeSettings, SkinTransfer};
-use crate::shape::{Deviation, Road, Shape};
+use crate::shape::{Cards, Deviation, Road, Shape};
 use crate::texture::{self, Channels, Texel};
 use crate::unwrap::{Atlas, UnwrapParams, unwrap};
 use crate::{Bvh, Context, Error, StageId};
@@ -52,7 +52,8 @@ pub(crate) fn make_level(
 ) -> Result<(Level, LevelReport), Error> {
     let Shared { model, settings, context, clock, .. } = *shared;
     context.check(&model.name)?;
-    let size = texture_size(settings, budget) as usize;
+    // Cards have their outline in the texture.
+    let size = if shape.cards.is_some() { settings.texture_size } else { texture_size(settings, budget) } as usize;
     let params = UnwrapParams { size: size as u32, gutter: settings.gutter };
     context.report(StageId::Unwrap, Some(number as usize), 0.4);
     let atlas = clock.time(StageId::Unwrap, || unwrap(&shape.mesh, None, &params));
@@ -60,8 +61,8 @@ pub(crate) fn make_level(
     let Fitted { low, refined, alpha } = fit(shared, &canvas, shape, number, budget)?;
     let mesh = low.mesh();
     context.report(StageId::Texture, Some(number as usize), 0.85);
-    let samples = clock.time(StageId::Texture, || canvas.bake(&mesh));
-    let (low, psnr) = clock.time(StageId::Refine, || canvas.finish(low, &samples));
+    let samples = clock.time(StageId::Texture, || canvas.bake(&mesh, shape.cards.as_ref()));
+    let (low, psnr) = clock.time(StageId::Refine, || canvas.finish(low, &samples, alpha));
     let refined = Refined { psnr, ..refined };
 
     context.report(StageId::Rig, Some(number as usize), 0.9);
@@ -104,12 +105,12 @@ fn fit(shared: &Shared<'_>, full: &Canvas<'_>, shape: &Shape, number: u32, budge
     let small = Canvas::new(shared, full.atlas, full.size.min(FITTED_SIZE));
     context.report(StageId::Texture, Some(number as usize), 0.45);
     let (mut low, alpha, smoothness) = clock.time(StageId::Texture, || {
-        let samples = small.bake(&shape.mesh);
+        let samples = small.bake(&shape.mesh, shape.cards.as_ref());
         let alpha = is_cut_out(shape, &samples);
-        let (texels, covered) = initial_texture(&samples, small.size);
+        let (texels, covered) = initial_texture(&samples, small.size, alpha);
         let double_sided = shape.double_sided || alpha;
         let low = LowPoly::new(&shape.mesh, full.atlas, double_sided, small.size, texels, covered);
-        (low, alpha, small.smoothness(&samples))
+        (low, alpha, if alpha { None } else { small.smoothness(&samples) })
     });
     context.report(StageId::Refine, Some(number as usize), 0.5);
     let params = refine::Params {
@@ -131,9 +132,15 @@ impl<'a> Canvas<'a> {
         Self { shared, atlas, size, texels: texture::texel_map(atlas, size) }
     }
 
-    fn bake(&self, mesh: &TriMesh) -> Vec<Option<SurfaceSample>> {
+    fn bake(&self, mesh: &TriMesh, cards: Option<&Cards>) -> Vec<Option<SurfaceSample>> {
         let Shared { sampler, bvh, frame, .. } = self.shared;
-        texture::bake(sampler, bvh, frame, mesh, self.atlas, &self.texels, self.size)
+        let mut samples = texture::bake(sampler, bvh, frame, mesh, self.atlas, &self.texels, self.size, cards);
+        if let Some(cards) = cards {
+            let surface = &self.shared.model.surface;
+            let source = TriMesh { positions: surface.positions.clone(), triangles: surface.triangles.clone() };
+            texture::keep_coverage(&mut samples, &self.texels, self.size, &source, mesh, cards);
+        }
+        samples
     }
 
     /// How the texture is to be solved: not at all if it has one colour.
@@ -142,10 +149,12 @@ impl<'a> Canvas<'a> {
     }
 
     /// The texture at full size: baked anew on the final vertices, then fitted to the views, unless it has one colour.
-    fn finish(&self, low: LowPoly, samples: &[Option<SurfaceSample>]) -> (LowPoly, f32) {
-        let (texels, covered) = initial_texture(samples, self.size);
+    fn finish(&self, low: LowPoly, samples: &[Option<SurfaceSample>], alpha: bool) -> (LowPoly, f32) {
+        let (texels, covered) = initial_texture(samples, self.size, alpha);
         let mut low = low.retextured(self.atlas, self.size, texels, covered);
-        let psnr = refine::fit_texture(&mut low, &self.shared.views, self.smoothness(samples));
+        // What lies behind a cut-out shows through it: its pixels say little about its own texture.
+        let smoothness = if alpha { None } else { self.smoothness(samples) };
+        let psnr = refine::fit_texture(&mut low, &self.shared.views, smoothness);
         (low, psnr)
     }
 }
@@ -165,17 +174,23 @@ fn texture_size(settings: &BakeSettings, budget: u32) -> u32 {
 
 /// Whether the level is a cut-out: it consists of the source's own triangles, and a good part of what they show is see-through.
 fn is_cut_out(shape: &Shape, samples: &[Option<SurfaceSample>]) -> bool {
+    if shape.road == Road::Cards {
+        return true;
+    }
     let clear = samples.iter().flatten().filter(|s| s.base_color.w < 0.5).count();
     shape.road == Road::Source && 20 * clear > samples.iter().flatten().count()
 }
 
 /// Encoded colours with their gutters, and which texels a triangle covers.
-fn initial_texture(samples: &[Option<SurfaceSample>], size: usize) -> (Vec<Vec4>, Vec<bool>) {
+fn initial_texture(samples: &[Option<SurfaceSample>], size: usize, alpha: bool) -> (Vec<Vec4>, Vec<bool>) {
     let covered: Vec<bool> = samples.iter().map(Option::is_some).collect();
     let encoded = |s: &SurfaceSample| s.base_color.truncate().map(linear_to_srgb).extend(1.0);
     let mut texels: Vec<Vec4> =
         samples.par_iter().with_min_len(4096).map(|s| s.as_ref().map_or(Vec4::ZERO, encoded)).collect();
-    texture::fill(&mut texels, &covered, size);
+    // Clear texels of a cut-out take the colour of their neighbours, which filtering mixes in.
+    let known = |s: &Option<SurfaceSample>| s.as_ref().is_some_and(|s| !alpha || s.base_color.w >= 0.5);
+    let known: Vec<bool> = samples.iter().map(known).collect();
+    texture::fill(&mut texels, &known, size);
     (texels, covered)
 }
 

@@ -10,6 +10,7 @@
 mod candidates;
 mod collapse;
 mod deviation;
+mod foliage;
 mod quadric;
 mod solid;
 mod visibility;
@@ -26,6 +27,7 @@ use crate::{Context, Error, StageId};
 use collapse::Simplifier;
 
 pub use deviation::{Deviation, deviation};
+pub use foliage::{Cards, NO_CARD};
 pub use solid::Solid;
 
 /// Faces kept, as a multiple of the largest budget, when enclosed faces are looked for.
@@ -44,6 +46,8 @@ pub struct Params {
     pub reconstructions: Vec<reconstruct::Params>,
     /// Whether to try the source's own triangles.
     pub source: bool,
+    /// Whether foliage becomes cards.
+    pub cards: bool,
     /// Faces that nothing sees are dropped.
     pub remove_invisible: bool,
     /// Part of a face's quadric weight that comes from how large it appears rather than from its area, 0 to 1.
@@ -59,6 +63,8 @@ pub enum Road {
     Reconstruction(reconstruct::Params),
     /// The source's own triangles.
     Source,
+    /// Cut-out cards for the leaves, the rest collapsed.
+    Cards,
 }
 
 impl std::fmt::Display for Road {
@@ -66,6 +72,7 @@ impl std::fmt::Display for Road {
         match self {
             Self::Reconstruction(p) => write!(f, "reconstruction {} (offset {})", p.resolution, p.offset),
             Self::Source => f.write_str("source"),
+            Self::Cards => f.write_str("cards"),
         }
     }
 }
@@ -81,6 +88,8 @@ pub struct Shape {
     pub road: Road,
     /// Error against the source's pictures that no texture removes, mean square per pixel.
     pub render_error: f64,
+    /// Which faces are cut-out cards, if the source is foliage.
+    pub cards: Option<Cards>,
 }
 
 /// What shapes are made from and judged by.
@@ -100,6 +109,11 @@ pub struct Inputs<'a> {
 /// # Errors
 /// If cancelled, or if no road meets a budget.
 pub fn shape(inputs: &Inputs<'_>, params: &Params, context: &Context<'_>) -> Result<Vec<Shape>, Error> {
+    if params.cards
+        && let Some(shapes) = foliage::shapes(inputs, params)
+    {
+        return Ok(shapes);
+    }
     let mut roads: Vec<Road> = params.reconstructions.iter().map(|p| Road::Reconstruction(*p)).collect();
     if params.source {
         roads.push(Road::Source);
@@ -160,8 +174,21 @@ fn walk(inputs: &Inputs<'_>, params: &Params, road: Road, context: &Context<'_>)
     if context.cancellation.is_cancelled() {
         return Vec::new();
     }
-    let unit = to_unit_sphere(&mesh, &inputs.frame);
-    let weights = face_weights(&unit, &pixels, params.visible_weight);
+    let shapes = collapse_dense(inputs, params, road, &mesh, &pixels, double_sided);
+    if context.cancellation.is_cancelled() { Vec::new() } else { shapes }
+}
+
+/// Collapses a mesh to each budget.
+fn collapse_dense(
+    inputs: &Inputs<'_>,
+    params: &Params,
+    road: Road,
+    mesh: &TriMesh,
+    pixels: &[u32],
+    double_sided: bool,
+) -> Vec<Shape> {
+    let unit = to_unit_sphere(mesh, &inputs.frame);
+    let weights = face_weights(&unit, pixels, params.visible_weight);
     let mut simplifier = Simplifier::new(&unit, &weights, params.curvature);
     let largest = params.budgets.last().copied().unwrap_or(0) as usize;
     if params.remove_invisible {
@@ -172,15 +199,12 @@ fn walk(inputs: &Inputs<'_>, params: &Params, road: Road, context: &Context<'_>)
     }
     let mut shapes = Vec::new();
     for &budget in params.budgets.iter().rev() {
-        if context.cancellation.is_cancelled() {
-            return Vec::new();
-        }
         if params.remove_invisible {
             simplifier.drop_negligible_components(budget as usize, NEGLIGIBLE_FACES);
         }
         simplifier.run(budget as usize);
         let mesh = from_unit_sphere(simplifier.mesh(), &inputs.frame);
-        shapes.push(Shape { mesh, double_sided, road, render_error: f64::INFINITY });
+        shapes.push(Shape { mesh, double_sided, road, render_error: f64::INFINITY, cards: None });
     }
     shapes.reverse();
     shapes
@@ -201,7 +225,8 @@ fn dense(inputs: &Inputs<'_>, params: &Params, road: Road) -> Dense {
             let faces = mesh.triangles.len();
             (mesh, vec![false; faces])
         }
-        Road::Source => {
+        // Cards begin with the source's own triangles.
+        Road::Source | Road::Cards => {
             let (mesh, welded_from) = weld::weld(&solid.mesh.positions, &solid.mesh.triangles);
             let two_sided =
                 welded_from.iter().map(|&t| inputs.model.material_of(solid.source[t as usize]).double_sided);

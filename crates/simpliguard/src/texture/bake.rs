@@ -1,6 +1,6 @@
 //! What the source shows at each texel.
 
-use glam::Vec3;
+use glam::{Vec3, Vec4};
 use rayon::prelude::*;
 
 use super::Texel;
@@ -8,12 +8,15 @@ use crate::bvh::{Bvh, Hit, barycentric};
 use crate::mesh::TriMesh;
 use crate::model::AlphaMode;
 use crate::render::{Footprint, Frame, SurfaceSample, SurfaceSampler};
+use crate::shape::{Cards, NO_CARD};
 use crate::unwrap::Atlas;
 
 /// How far from the level the source is looked for, as a part of the frame's radius.
 const CAGE: f32 = 0.03;
 /// Most blended surfaces seen through one texel.
 const LAYERS: usize = 4;
+/// How far the wood of a foliage is looked for before the nearest point, which may be a leaf, in cages.
+const FAR: f32 = 4.0;
 /// How far behind a blended surface the next may lie, in cages.
 const BEHIND: f32 = 8.0;
 
@@ -27,6 +30,7 @@ pub fn bake(
     atlas: &Atlas,
     texels: &[Option<Texel>],
     size: usize,
+    cards: Option<&Cards>,
 ) -> Vec<Option<SurfaceSample>> {
     let normals = mesh.vertex_normals();
     let cage = CAGE * frame.radius;
@@ -46,11 +50,29 @@ pub fn bake(
             let b = texel.barycentric;
             let at = |values: &[Vec3]| values[corners[0]] * b.x + values[corners[1]] * b.y + values[corners[2]] * b.z;
             let (position, normal) = (at(&mesh.positions), at(&normals).normalize_or(Vec3::Y));
-            let eye = Eye { sampler, bvh, cage, area: texel_area[texel.triangle as usize] };
-            eye.look(position, normal)
+            let area = texel_area[texel.triangle as usize];
+            let group = cards.map(|c| (c, c.group[texel.triangle as usize]));
+            let eye = Eye { sampler, bvh, cage, area, group };
+            match group {
+                Some((cards, card)) if card != NO_CARD => {
+                    let cage = cards.reach[card as usize] * 1.01;
+                    Some(Eye { cage, ..eye }.look_through(position, normal))
+                }
+                _ => eye.look(position, normal),
+            }
         })
         .collect()
 }
+
+/// What lies between the leaves of a card.
+const CLEAR: SurfaceSample = SurfaceSample {
+    base_color: Vec4::ZERO,
+    normal: Vec3::Y,
+    occlusion: 1.0,
+    roughness: 1.0,
+    metallic: 0.0,
+    emissive: Vec3::ZERO,
+};
 
 /// Looks at the source around one texel.
 struct Eye<'a> {
@@ -59,13 +81,18 @@ struct Eye<'a> {
     cage: f32,
     /// Area in space that the texel stands for.
     area: f32,
+    /// The cards of the level, and the one that the texel lies on, or [`NO_CARD`].
+    group: Option<(&'a Cards, u32)>,
 }
 
 impl Eye<'_> {
     /// What the texel at `position` shows: blended surfaces let through what lies behind them.
     fn look(&self, position: Vec3, normal: Vec3) -> Option<SurfaceSample> {
         let from = position + normal * self.cage;
-        let Some(hit) = self.cast(from, -normal, 2.0 * self.cage) else {
+        let far = || {
+            self.group.and_then(|_| self.cast(position + normal * (FAR * self.cage), -normal, 2.0 * FAR * self.cage))
+        };
+        let Some(hit) = self.cast(from, -normal, 2.0 * self.cage).or_else(far) else {
             return Some(self.sample(&self.bvh.closest(position, f32::INFINITY)?));
         };
         let mut seen = self.sample(&hit);
@@ -84,6 +111,12 @@ impl Eye<'_> {
         Some(seen)
     }
 
+    /// What a card shows: its own group's triangles from either side, nothing between them.
+    fn look_through(&self, position: Vec3, normal: Vec3) -> SurfaceSample {
+        let hit = self.cast(position + normal * self.cage, -normal, 2.0 * self.cage);
+        hit.map_or(CLEAR, |hit| SurfaceSample { normal, ..self.sample(&hit) })
+    }
+
     /// The first surface along a ray that faces its origin and is not cut out there.
     fn cast(&self, from: Vec3, direction: Vec3, length: f32) -> Option<Hit> {
         let surface = &self.sampler.model().surface;
@@ -92,7 +125,12 @@ impl Eye<'_> {
             let corners = surface.triangles[t].map(|v| surface.positions[v as usize]);
             let [a, b, c] = corners;
             let material = self.sampler.material(t);
-            if !material.double_sided && (b - a).cross(c - a).dot(direction) >= 0.0 {
+            let card = match self.group {
+                Some((cards, group)) if cards.source_group[t] != group => return false,
+                Some((_, group)) => group != NO_CARD,
+                None => false,
+            };
+            if !card && !material.double_sided && (b - a).cross(c - a).dot(direction) >= 0.0 {
                 return false;
             }
             match material.alpha_mode {

@@ -7,10 +7,12 @@
 
 mod atlas;
 mod bake;
+mod coverage;
 mod maps;
 
 pub use atlas::{Texel, dilate, fill, texel_map};
 pub use bake::bake;
+pub use coverage::keep_coverage;
 pub use maps::{Channels, Varying, level_material, level_mesh, maps};
 
 /// Rings of texels filled around each chart.

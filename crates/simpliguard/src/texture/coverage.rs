@@ -1,0 +1,83 @@
+//! Keeps a crown as dense as its source: leaves lie on their card at an angle and over one another, so that the card
+//! shows less of them than there is.
+
+use super::Texel;
+use crate::mesh::TriMesh;
+use crate::render::SurfaceSample;
+use crate::shape::{Cards, NO_CARD};
+
+/// Most rings of texels that leaves grow by.
+const RINGS: usize = 3;
+/// Alpha from which a texel counts as leaf.
+const OPAQUE: f32 = 0.5;
+
+/// Grows the leaves of each card, ring by ring, while their area stays below that of the source's leaves.
+pub fn keep_coverage(
+    samples: &mut [Option<SurfaceSample>],
+    texels: &[Option<Texel>],
+    size: usize,
+    source: &TriMesh,
+    level: &TriMesh,
+    cards: &Cards,
+) {
+    let area = |mesh: &TriMesh, groups: &[u32]| -> f64 {
+        let on_cards = groups.iter().enumerate().filter(|(_, g)| **g != NO_CARD);
+        on_cards.map(|(t, _)| 0.5 * f64::from(mesh.area_vector(t).length())).sum()
+    };
+    let card = |i: usize| texels[i].map_or(NO_CARD, |t| cards.group[t.triangle as usize]);
+    let card_texels = (0..texels.len()).filter(|&i| card(i) != NO_CARD).count();
+    let wanted =
+        area(source, &cards.source_group) / area(level, &cards.group).max(f64::MIN_POSITIVE) * card_texels as f64;
+    for _ in 0..RINGS {
+        let is_leaf = |i: usize| samples[i].is_some_and(|s| s.base_color.w >= OPAQUE);
+        let leaves = (0..texels.len()).filter(|&i| card(i) != NO_CARD && is_leaf(i)).count();
+        let ring: Vec<(usize, usize)> = (0..texels.len())
+            .filter(|&i| card(i) != NO_CARD && !is_leaf(i))
+            .filter_map(|i| {
+                let beside = [i.checked_sub(1), Some(i + 1), i.checked_sub(size), Some(i + size)];
+                let leaf = beside.into_iter().flatten().find(|&j| j < texels.len() && card(j) == card(i) && is_leaf(j));
+                Some((i, leaf?))
+            })
+            .collect();
+        // The ring that comes nearest to the area wanted is the last.
+        if leaves as f64 + 0.5 * ring.len() as f64 > wanted {
+            return;
+        }
+        for (i, leaf) in ring {
+            samples[i] = samples[leaf];
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::{Vec3, Vec4};
+
+    #[test]
+    fn a_leaf_grows_to_the_area_of_its_source() {
+        let square = |side: f32| TriMesh {
+            positions: [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]
+                .map(|[x, y]| Vec3::new(x, y, 0.0) * side)
+                .to_vec(),
+            triangles: vec![[0, 1, 2], [0, 2, 3]],
+        };
+        let texels = vec![Some(Texel { triangle: 0, barycentric: Vec3::ZERO }); 81];
+        let sample = |alpha| SurfaceSample {
+            base_color: Vec4::new(1.0, 0.0, 0.0, alpha),
+            normal: Vec3::Z,
+            occlusion: 1.0,
+            roughness: 1.0,
+            metallic: 0.0,
+            emissive: Vec3::ZERO,
+        };
+        let cards = Cards { group: vec![0; 2], source_group: vec![0; 2], reach: vec![0.1] };
+        for (part, expected) in [(1.0f32, 1), (5.0, 5), (13.0, 13)] {
+            let mut samples = vec![Some(sample(0.0)); 81];
+            samples[40] = Some(sample(1.0));
+            keep_coverage(&mut samples, &texels, 9, &square((part / 81.0).sqrt()), &square(1.0), &cards);
+            let leaves = samples.iter().flatten().filter(|s| s.base_color.w > 0.5).count();
+            assert_eq!(leaves, expected);
+        }
+    }
+}
