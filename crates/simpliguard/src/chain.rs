@@ -105,8 +105,8 @@ pub struct LevelReport {
     pub charts: u32,
     /// Part of the atlas that charts cover.
     pub fill: f32,
-    /// What refinement gained, in dB over held-out views.
-    pub refined: Refined,
+    /// What refinement gained, in dB over held-out views; `None` for a cut-out, which is not refined.
+    pub refined: Option<Refined>,
 }
 
 /// Bakes levels of detail for one file.

@@ -63,7 +63,8 @@ pub(crate) fn make_level(
     context.report(StageId::Texture, Some(number as usize), 0.85);
     let samples = clock.time(StageId::Texture, || canvas.bake(&mesh, shape.cards.as_ref()));
     let (low, psnr) = clock.time(StageId::Refine, || canvas.finish(low, &samples, alpha));
-    let refined = Refined { psnr, ..refined };
+    // The differentiable renderer does not see through a cut-out.
+    let refined = (!alpha).then_some(Refined { psnr, ..refined });
 
     context.report(StageId::Rig, Some(number as usize), 0.9);
     let influences = clock.time(StageId::Rig, || influences(shared, &mesh));
