@@ -37,6 +37,9 @@ const RINGS: usize = 2;
 /// A component that deserves fewer faces than this is dropped.
 const NEGLIGIBLE_FACES: f64 = 0.75;
 
+/// How far vertices in one place are moved apart, as a part of the frame's radius.
+const PARTED: f32 = 2e-5;
+
 /// How to find the shape.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Params {
@@ -109,6 +112,14 @@ pub struct Inputs<'a> {
 /// # Errors
 /// If cancelled, or if no road meets a budget.
 pub fn shape(inputs: &Inputs<'_>, params: &Params, context: &Context<'_>) -> Result<Vec<Shape>, Error> {
+    let mut shapes = best_shapes(inputs, params, context)?;
+    for shape in &mut shapes {
+        weld::part_coincident(&mut shape.mesh, PARTED * inputs.frame.radius);
+    }
+    Ok(shapes)
+}
+
+fn best_shapes(inputs: &Inputs<'_>, params: &Params, context: &Context<'_>) -> Result<Vec<Shape>, Error> {
     if params.cards
         && let Some(shapes) = foliage::shapes(inputs, params)
     {

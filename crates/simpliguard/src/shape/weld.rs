@@ -54,6 +54,33 @@ pub(super) fn cut(mesh: &TriMesh) -> TriMesh {
     out
 }
 
+/// Moves vertices that share a place by `step` towards their neighbours, if welding them would make the mesh
+/// non-manifold: tools that weld by position then see what is stored.
+pub(super) fn part_coincident(mesh: &mut TriMesh, step: f32) {
+    let mut ids: HashMap<[u32; 3], u32> = HashMap::with_capacity(mesh.positions.len());
+    let first: Vec<u32> =
+        (0u32..).zip(&mesh.positions).map(|(v, p)| *ids.entry(p.to_array().map(f32::to_bits)).or_insert(v)).collect();
+    let welded = TriMesh {
+        positions: mesh.positions.clone(),
+        triangles: mesh.triangles.iter().map(|t| t.map(|v| first[v as usize])).collect(),
+    };
+    if Topology::of(&welded).is_manifold() {
+        return;
+    }
+    let mut around = vec![(Vec3::ZERO, 0.0); mesh.positions.len()];
+    for triangle in &mesh.triangles {
+        let sum: Vec3 = triangle.iter().map(|&v| mesh.positions[v as usize]).sum();
+        for &v in triangle {
+            around[v as usize].0 += sum;
+            around[v as usize].1 += 3.0;
+        }
+    }
+    for (v, p) in mesh.positions.iter_mut().enumerate().filter(|(v, _)| first[*v] != *v as u32) {
+        let (sum, count) = around[v];
+        *p += (sum / f32::max(count, 1.0) - *p).normalize_or(Vec3::Y) * step;
+    }
+}
+
 fn overfull_edges(mesh: &TriMesh) -> std::collections::HashSet<(u32, u32)> {
     let mut count: HashMap<(u32, u32), (u32, u32)> = HashMap::new();
     for triangle in &mesh.triangles {
@@ -129,6 +156,24 @@ mod tests {
         let triangles: Vec<[u32; 3]> = [solid(2, 3), solid(4, 5)].concat();
         let (mesh, _) = weld(&positions, &triangles);
         assert!(Topology::of(&mesh).is_manifold(), "{:?}", Topology::of(&mesh));
+    }
+
+    #[test]
+    fn sheets_that_touch_along_an_edge_are_parted_and_others_left_alone() {
+        let x = [Vec3::ZERO, Vec3::X];
+        let mut touching = TriMesh {
+            positions: [&x[..], &[Vec3::Y], &x, &[Vec3::Z], &x, &[-Vec3::Y]].concat(),
+            triangles: vec![[0, 1, 2], [3, 4, 5], [6, 7, 8]],
+        };
+        let before = touching.clone();
+        part_coincident(&mut touching, 1e-3);
+        assert!(touching.positions[..3] == before.positions[..3] && touching.positions[3] != touching.positions[0]);
+        assert!((touching.positions[3] - before.positions[3]).length() < 1.1e-3);
+        let mut seam =
+            TriMesh { positions: [&x[..], &[Vec3::Y], &x, &[Vec3::Z]].concat(), triangles: vec![[0, 1, 2], [4, 3, 5]] };
+        let before = seam.clone();
+        part_coincident(&mut seam, 1e-3);
+        assert_eq!(seam, before);
     }
 
     #[test]
