@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 use crate::clock::Clock;
 use crate::gltf::{self, ExportOptions, Limits};
 use crate::level::{Shared, make_level};
-use crate::model::{Level, Model};
+use crate::model::{Level, Model, SMALLEST_EXTENT};
 use crate::refine::Refined;
 use crate::render::{Frame, SurfaceSampler, take_views, viewpoints};
 use crate::settings::{BakeSettings, Candidates, ExistingLods, Resolution};
@@ -120,22 +120,26 @@ pub fn bake(source: &Source<'_>, settings: &BakeSettings, context: &Context<'_>)
     settings.check()?;
     let clock = Clock::default();
     context.report(StageId::Import, None, 0.0);
+    let imported = clock.time(StageId::Import, || gltf::import(source, &Limits::default()));
     if !settings.enabled {
-        return Ok(passed_through(source, None, Status::PassThrough, &clock));
+        // What cannot be read is nobody's concern then, but for a glTF that must be made binary.
+        let model = if is_binary(source) { imported.ok() } else { Some(imported?) };
+        return passed_through(source, model, Status::PassThrough, &clock);
     }
-    let model = clock.time(StageId::Import, || gltf::import(source, &Limits::default()))?;
+    let model = imported?;
     context.check(source.name)?;
     if model.surface.triangles.is_empty() {
-        return Ok(passed_through(source, Some(model), Status::PassThrough, &clock));
+        return passed_through(source, Some(model), Status::PassThrough, &clock);
     }
     if settings.existing_lods == ExistingLods::Keep && gltf::has_levels(&model.document.json) {
-        return Ok(passed_through(source, Some(model), Status::KeptLods, &clock));
+        return passed_through(source, Some(model), Status::KeptLods, &clock);
     }
     let faces = model.surface.triangles.len();
     let budgets: Vec<u32> = settings.faces.iter().copied().filter(|&n| (n as usize) < faces).collect();
     if budgets.is_empty() {
-        return Ok(passed_through(source, Some(model), Status::SmallEnough, &clock));
+        return passed_through(source, Some(model), Status::SmallEnough, &clock);
     }
+    check_extent(&model)?;
     let (levels, reports) = make_levels(source, &model, &budgets, settings, context, &clock)?;
     context.report(StageId::Export, None, 0.97);
     let options = ExportOptions { source: settings.source, version: PIPELINE_VERSION.to_owned() };
@@ -151,14 +155,27 @@ pub fn bake(source: &Source<'_>, settings: &BakeSettings, context: &Context<'_>)
     Ok(Baked { glb, levels, model: Some(model), report })
 }
 
-/// The source as it is; as binary glTF if it can be.
-fn passed_through(source: &Source<'_>, model: Option<Model>, status: Status, clock: &Clock) -> Baked {
-    let repacked = model
-        .as_ref()
-        .filter(|_| !source.bytes.starts_with(b"glTF"))
-        .and_then(|model| gltf::export(model, &[], &ExportOptions::default()).ok());
-    Baked {
-        glb: repacked.unwrap_or_else(|| source.bytes.to_vec()),
+fn check_extent(model: &Model) -> Result<(), Error> {
+    let extent = model.surface.extent();
+    if extent >= SMALLEST_EXTENT {
+        return Ok(());
+    }
+    let found = format!("its longest side is {extent:e} metres, below the smallest of {SMALLEST_EXTENT:e}");
+    Err(Error::invalid(&model.name, StageId::Import, found, "scale it up; glTF's unit is the metre"))
+}
+
+fn is_binary(source: &Source<'_>) -> bool {
+    source.bytes.starts_with(b"glTF")
+}
+
+/// The source as it is, or as one binary glTF if it is not one yet.
+fn passed_through(source: &Source<'_>, model: Option<Model>, status: Status, clock: &Clock) -> Result<Baked, Error> {
+    let in_pieces =
+        || !is_binary(source) || gltf::external_uris(source.name, source.bytes).is_ok_and(|u| !u.is_empty());
+    let packed =
+        model.as_ref().filter(|_| in_pieces()).map(|model| gltf::export(model, &[], &ExportOptions::default()));
+    Ok(Baked {
+        glb: packed.transpose()?.unwrap_or_else(|| source.bytes.to_vec()),
         levels: Vec::new(),
         report: Report {
             status,
@@ -168,7 +185,7 @@ fn passed_through(source: &Source<'_>, model: Option<Model>, status: Status, clo
             seconds: clock.seconds(),
         },
         model,
-    }
+    })
 }
 
 fn make_levels(
@@ -230,5 +247,65 @@ fn shape_params(settings: &BakeSettings, budgets: &[u32]) -> shape::Params {
         remove_invisible: settings.remove_invisible && !settings.watertight,
         visible_weight: f64::from(settings.visible_weight),
         curvature: f64::from(settings.curvature),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use bytes::Bytes;
+    use glam::Vec3;
+
+    use super::*;
+    use crate::{RelativeUri, Resources};
+
+    /// Every file holds one triangle.
+    struct Folder;
+
+    impl Resources for Folder {
+        fn read(&self, _: &RelativeUri) -> Result<Bytes, String> {
+            let corners = [[0.0f32, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
+            Ok(Bytes::from(bytemuck::cast_slice(&corners).to_vec()))
+        }
+    }
+
+    const IN_PIECES: &str = r#"{"asset": {"version": "2.0"}, "nodes": [{"mesh": 0}],
+        "meshes": [{"primitives": [{"attributes": {"POSITION": 0}}]}],
+        "accessors": [{"bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3"}],
+        "bufferViews": [{"buffer": 0, "byteLength": 36}], "buffers": [{"byteLength": 36, "uri": "triangle.bin"}]}"#;
+
+    fn as_glb(json: &str) -> Vec<u8> {
+        let json = format!("{json:<width$}", width = json.len().next_multiple_of(4));
+        let words = [2, 20 + json.len() as u32, json.len() as u32, 0x4E4F_534A];
+        [b"glTF", bytemuck::cast_slice(&words), json.as_bytes()].concat()
+    }
+
+    #[test]
+    fn what_passes_through_needs_no_other_file() {
+        for bytes in [IN_PIECES.as_bytes().to_vec(), as_glb(IN_PIECES)] {
+            for enabled in [true, false] {
+                let settings = BakeSettings { enabled, ..BakeSettings::default() };
+                let source = Source { name: "test", bytes: &bytes, resources: &Folder };
+                let baked = bake(&source, &settings, &Context::default()).expect("passes");
+                assert!(baked.glb.starts_with(b"glTF") && baked.levels.is_empty());
+                assert_eq!(gltf::external_uris("test", &baked.glb).expect("glTF"), []);
+            }
+        }
+    }
+
+    #[test]
+    fn a_disabled_file_need_not_be_readable() {
+        let bytes = as_glb(r#"{"asset": {"version": "2.0"}, "extensionsRequired": ["KHR_draco_mesh_compression"]}"#);
+        let source = Source { name: "test.glb", bytes: &bytes, resources: &Folder };
+        let settings = BakeSettings { enabled: false, ..BakeSettings::default() };
+        assert_eq!(bake(&source, &settings, &Context::default()).expect("passes").glb, bytes);
+    }
+
+    #[test]
+    fn a_model_below_the_range_of_its_areas_is_refused() {
+        let mut model = Model::empty("speck.glb");
+        model.surface.positions = vec![Vec3::ZERO, Vec3::X * 1e-7, Vec3::Y * 1e-7];
+        model.surface.triangles = vec![[0, 1, 2]];
+        let error = check_extent(&model).expect_err("too small").to_string();
+        assert!(error.starts_with("speck.glb: import: its longest side is 1e-7 metres"), "{error}");
     }
 }

@@ -34,6 +34,11 @@ pub fn write_atomic(path: &Path, bytes: &[u8], durability: Durability) -> io::Re
     persist(file, path)
 }
 
+/// `Err` with the reason if no file can be made in `folder`. Leaves nothing behind.
+pub fn can_write_in(folder: &Path) -> io::Result<()> {
+    tempfile::tempfile_in(folder).map(drop)
+}
+
 #[cfg(not(windows))]
 fn persist(file: tempfile::NamedTempFile, path: &Path) -> io::Result<()> {
     file.persist(path).map(drop).map_err(|e| e.error)
@@ -68,6 +73,14 @@ mod tests {
         write_atomic(&path, b"two", Durability::Process).expect("replaces");
         assert_eq!(fs::read(&path).expect("reads"), b"two");
         assert_eq!(fs::read_dir(dir.path().join("a")).expect("lists").count(), 1);
+    }
+
+    #[test]
+    fn trying_a_folder_leaves_nothing_in_it() {
+        let dir = tempfile::tempdir().expect("tempdir");
+        can_write_in(dir.path()).expect("writable");
+        assert_eq!(fs::read_dir(dir.path()).expect("lists").count(), 0);
+        assert!(can_write_in(&dir.path().join("none")).is_err());
     }
 
     #[cfg(unix)]

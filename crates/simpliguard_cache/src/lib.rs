@@ -23,7 +23,7 @@ mod place;
 mod store;
 
 pub use bake::{BakeResult, bake_key};
-pub use file::{Durability, write_atomic};
+pub use file::{Durability, can_write_in, write_atomic};
 pub use key::{Key, KeyBuilder};
 pub use place::{ENV_VAR, place};
 pub use store::{Cache, Entry, Lookup, Stats, StorageError};

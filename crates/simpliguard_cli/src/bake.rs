@@ -1,7 +1,7 @@
 //! `simpliguard bake`: one model after another, each on all threads.
 
 use std::fs;
-use std::io::Cursor;
+use std::io::{self, Cursor};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
 use std::time::Instant;
@@ -11,7 +11,7 @@ use rayon::{ThreadPool, ThreadPoolBuilder};
 use simpliguard::gltf::export_level;
 use simpliguard::settings::BakeSettings;
 use simpliguard::{Context, Error, Source, StageId};
-use simpliguard_cache::{BakeResult, Cache, Durability, Key, Lookup, bake_key, place, write_atomic};
+use simpliguard_cache::{BakeResult, Cache, Durability, Key, Lookup, bake_key, can_write_in, place, write_atomic};
 use simpliguard_eval::contact_sheet;
 
 use crate::UsageError;
@@ -27,6 +27,14 @@ const MADE_BY: &str = "cpu";
 
 /// Bakes everything; whether all went well.
 pub(crate) fn run(args: &BakeArgs) -> Result<bool, UsageError> {
+    let result = bake_all(args);
+    if let (Err(error), true) = (&result, args.json) {
+        summary::print_refusal(error)?;
+    }
+    result
+}
+
+fn bake_all(args: &BakeArgs) -> Result<bool, UsageError> {
     args.backend.check()?;
     let jobs = plan(args)?;
     let session = Session::new(args)?;
@@ -82,6 +90,8 @@ impl<'a> Session<'a> {
         if let Some(result) = found.filter(|result| self.suffices(result)) {
             return Ok((result, true));
         }
+        // A bake is too long to find out afterwards.
+        self.can_write(job)?;
         let result = self.compute(&source, settings, progress)?;
         if let Some(cache) = &cache {
             self.store(cache, &key, &result);
@@ -166,11 +176,22 @@ impl<'a> Session<'a> {
             return Ok(());
         }
         let _hold = self.interrupt.hold();
-        write_atomic(path, bytes, Durability::Process).map_err(|e| {
-            let found = format!("cannot write {}: {e}", path.display());
-            Error::invalid(&job.name, StageId::Export, found, "check the folder and the space on its disk")
-        })
+        write_atomic(path, bytes, Durability::Process).map_err(|e| unwritable(job, path, &e))
     }
+
+    /// Whether files can be made in the nearest folder that exists above the result. Leaves nothing behind.
+    fn can_write(&self, job: &Job) -> Result<(), Error> {
+        let path = job.combined_path();
+        let there = path.ancestors().skip(1).find(|folder| folder.exists());
+        let folder = there.filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        let _hold = self.interrupt.hold();
+        can_write_in(folder).map_err(|e| unwritable(job, &path, &e))
+    }
+}
+
+fn unwritable(job: &Job, path: &Path, error: &io::Error) -> Error {
+    let found = format!("cannot write {}: {error}", path.display());
+    Error::invalid(&job.name, StageId::Export, found, "check the folder and the space on its disk")
 }
 
 fn run_chain(

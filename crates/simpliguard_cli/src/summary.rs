@@ -55,6 +55,8 @@ struct Level {
 #[derive(Serialize)]
 struct Document<'a> {
     version: u32,
+    /// Why nothing was baked at all; null otherwise.
+    error: Option<String>,
     assets: &'a [Outcome],
 }
 
@@ -141,12 +143,24 @@ pub(crate) fn print(outcomes: &[Outcome], json: bool) -> Result<(), UsageError> 
     let table = table(outcomes);
     let text = if json {
         console::line(table.trim_end());
-        let document = Document { version: DOCUMENT_VERSION, assets: outcomes };
-        let text = serde_json::to_string_pretty(&document);
-        text.map_err(|e| UsageError(format!("cannot write the JSON document: {e}")))? + "\n"
+        json_text(&Document { version: DOCUMENT_VERSION, error: None, assets: outcomes })?
     } else {
         table
     };
+    write_stdout(&text)
+}
+
+/// The JSON document of a run that was refused before anything was baked.
+pub(crate) fn print_refusal(error: &UsageError) -> Result<(), UsageError> {
+    write_stdout(&json_text(&Document { version: DOCUMENT_VERSION, error: Some(error.to_string()), assets: &[] })?)
+}
+
+fn json_text(document: &Document<'_>) -> Result<String, UsageError> {
+    let text = serde_json::to_string_pretty(document);
+    Ok(text.map_err(|e| UsageError(format!("cannot write the JSON document: {e}")))? + "\n")
+}
+
+fn write_stdout(text: &str) -> Result<(), UsageError> {
     match io::stdout().write_all(text.as_bytes()) {
         // The reader of a pipe may leave early.
         Err(e) if e.kind() != io::ErrorKind::BrokenPipe => Err(UsageError(format!("cannot write to stdout: {e}"))),

@@ -74,6 +74,27 @@ pub struct Surface {
     pub material: Vec<u32>,
 }
 
+/// Smallest [`Surface::extent`] that levels are made for, in metres: below it the squares of areas leave the range of
+/// `f32`.
+pub const SMALLEST_EXTENT: f32 = 1e-6;
+
+impl Surface {
+    /// Longest side of the bounding box of all faces with finite corners, in metres; 0 without such faces.
+    pub fn extent(&self) -> f32 {
+        let mut bounds: Option<(Vec3, Vec3)> = None;
+        for triangle in &self.triangles {
+            let corners = triangle.map(|vertex| self.positions[vertex as usize]);
+            if corners.iter().all(|p| p.is_finite()) {
+                for p in corners {
+                    let (low, high) = bounds.unwrap_or((p, p));
+                    bounds = Some((low.min(p), high.max(p)));
+                }
+            }
+        }
+        bounds.map_or(0.0, |(low, high)| (high - low).max_element())
+    }
+}
+
 /// Up to four bones of one vertex. Weights fall, sum to one, and unused slots are zero in both arrays.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Influences {

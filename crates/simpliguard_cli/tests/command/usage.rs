@@ -1,6 +1,6 @@
 //! What the command says to requests and files it can do nothing with.
 
-use crate::folder::{Folder, triangle};
+use crate::folder::{Folder, sphere, triangle};
 
 #[test]
 fn a_missing_file_fails_alone() {
@@ -69,6 +69,15 @@ fn conflicting_outputs_are_named_before_anything_is_baked() {
 }
 
 #[test]
+fn an_output_folder_that_cannot_be_is_found_before_the_bake() {
+    let folder = Folder::new().with("a.glb", sphere(30)).with("occupied", "a file");
+    let run = folder.bake(&["a.glb", "--output", "occupied", "--json"]);
+    assert_eq!(run.code, 1);
+    run.says("a.glb: export: cannot write occupied/a.glb");
+    assert!(!run.stderr.contains("import (0 %)"), "{}", run.stderr);
+}
+
+#[test]
 fn inputs_are_never_overwritten() {
     let folder = Folder::new().with("in/a.glb", triangle());
     let run = folder.bake(&["in", "--output", "in"]);
@@ -98,6 +107,10 @@ fn bad_flags_are_explained() {
         assert_eq!(run.code, 2, "{args:?}: {}", run.stderr);
         run.says(message);
     }
+    let run = folder.bake(&["empty", "--json"]);
+    assert_eq!(run.code, 2);
+    assert_eq!(run.json()["error"], "empty: there is no .glb or .gltf file below this folder");
+    assert_eq!(run.json()["assets"].as_array().map(Vec::len), Some(0));
     assert!(!folder.path("lods").exists());
 }
 

@@ -1,16 +1,22 @@
-//! Faces that no later stage can use: not finite, degenerate, duplicate.
+//! Faces that no later stage can use: not finite, too far away, degenerate, duplicate.
 
+use glam::{DVec3, Vec3};
+
+use super::asset::Asset;
 use super::weld;
-use crate::model::{Influences, Surface};
+use crate::model::{Influences, SMALLEST_EXTENT, Surface};
+use crate::{Error, StageId};
 
-/// Positions beyond this are as bad as infinite ones: their squares leave the range of `f32`. Metres.
+/// Positions beyond this are as bad as infinite ones: the squares of areas leave the range of `f32`. Metres.
 const FARTHEST: f32 = 1e9;
 
 /// Faces that were dropped, by reason.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct Dropped {
-    /// A corner is NaN, infinite or beyond a million kilometres.
+    /// A corner is NaN or infinite.
     pub(super) not_finite: usize,
+    /// A corner is beyond a million kilometres.
+    pub(super) too_far: usize,
     /// Two corners coincide, or the area is zero.
     pub(super) degenerate: usize,
     /// Same corners in the same direction, of the same material and on the same bones as an earlier face.
@@ -20,19 +26,50 @@ pub(super) struct Dropped {
 /// Drops unusable faces, and the vertices that nothing refers to any more.
 pub(super) fn clean(surface: &mut Surface) -> Dropped {
     let mut dropped = Dropped::default();
+    // The squares of areas of a tiny model vanish in `f32`; it may still pass through.
+    let tiny = surface.extent() < SMALLEST_EXTENT;
     let positions = &surface.positions;
     let mut keep: Vec<bool> = Vec::with_capacity(surface.triangles.len());
     for triangle in &surface.triangles {
         let [a, b, c] = triangle.map(|vertex| positions[vertex as usize]);
-        let finite = [a, b, c].iter().all(|p| p.is_finite() && p.abs().max_element() <= FARTHEST);
-        let degenerate = finite && (b - a).cross(c - a).length_squared() == 0.0;
+        let finite = [a, b, c].iter().all(|p| p.is_finite());
+        let near = finite && [a, b, c].iter().all(|p| p.abs().max_element() <= FARTHEST);
+        let degenerate = near && has_no_area(b - a, c - a, tiny);
         dropped.not_finite += usize::from(!finite);
+        dropped.too_far += usize::from(finite && !near);
         dropped.degenerate += usize::from(degenerate);
-        keep.push(finite && !degenerate);
+        keep.push(near && !degenerate);
     }
     dropped.duplicate = mark_duplicates(surface, &mut keep);
     retain(surface, &keep);
     dropped
+}
+
+impl Dropped {
+    /// `Err` if nothing is left of `faces` faces and broken positions have a part in it.
+    pub(super) fn check(self, asset: Asset<'_>, faces: usize) -> Result<(), Error> {
+        let unusable = self.not_finite + self.too_far;
+        if unusable == 0 || unusable + self.degenerate < faces {
+            return Ok(());
+        }
+        let counts = [
+            (self.not_finite, "have corners that are not finite".to_owned()),
+            (self.too_far, format!("have corners over {FARTHEST:e} metres from the origin")),
+            (self.degenerate, "have no area".to_owned()),
+        ];
+        let counted = counts.into_iter().filter(|(count, _)| *count > 0).map(|(count, what)| format!("{count} {what}"));
+        let reasons: Vec<String> = counted.collect();
+        let found = format!("none of its {faces} faces can be used: {}", reasons.join(", "));
+        let advice = "check its positions and the scales of its nodes, and export it again";
+        Err(Error::invalid(asset.name, StageId::Import, found, advice))
+    }
+}
+
+fn has_no_area(u: Vec3, v: Vec3, tiny: bool) -> bool {
+    match tiny {
+        true => u.as_dvec3().cross(v.as_dvec3()) == DVec3::ZERO,
+        false => u.cross(v).length_squared() == 0.0,
+    }
 }
 
 /// Clears `keep` of every face that repeats an earlier one.

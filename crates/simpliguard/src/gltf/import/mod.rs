@@ -101,7 +101,9 @@ pub fn import(source: &Source<'_>, limits: &Limits) -> Result<Model, Error> {
         || surface::assemble(reader, &tree, &mesh_nodes, &skeleton, &slots),
     );
     let (textures, mut assembly) = (textures?, assembly?);
+    let faces = assembly.surface.triangles.len();
     let dropped = clean::clean(&mut assembly.surface);
+    dropped.check(asset, faces)?;
     trim_optional(&mut assembly.surface, &materials);
 
     let mut notes = notes(reader, &tree, &assembly, dropped);
@@ -180,6 +182,7 @@ fn notes(reader: Reader<'_>, tree: &Tree, assembly: &Assembly, dropped: clean::D
     let left_out = meshes.flat_map(|mesh| &mesh.primitives).filter(|primitive| !primitive::has_triangles(primitive));
     let counts = [
         (dropped.not_finite, "faces with corners that are not finite are dropped"),
+        (dropped.too_far, "faces with corners over 1e9 metres from the origin are dropped"),
         (dropped.degenerate, "degenerate faces are dropped"),
         (dropped.duplicate, "duplicate faces are dropped"),
         (assembly.stray_weights, "weights on joints that the skin does not have are dropped"),

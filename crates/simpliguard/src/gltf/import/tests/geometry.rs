@@ -153,6 +153,23 @@ fn missing_normals_are_area_weighted_over_welded_positions() {
 }
 
 #[test]
+fn a_file_without_one_usable_position_is_refused() {
+    for (far, reason) in [(f32::NAN, "1 have corners that are not finite"), (1e30, "1 have corners over 1e9")] {
+        let mut file = Builder::triangle();
+        file.attribute("POSITION", F32, "VEC3", &[[0.0f32, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, far, 0.0]]);
+        let message = file.message();
+        assert!(message.contains("none of its 1 faces can be used") && message.contains(reason), "{message}");
+    }
+}
+
+#[test]
+fn tiny_faces_have_an_area_too() {
+    let mut file = Builder::triangle();
+    file.attribute("POSITION", F32, "VEC3", &[[0.0f32, 0.0, 0.0], [1e-30, 0.0, 0.0], [0.0, 1e-30, 0.0]]);
+    assert_eq!(file.model().surface.triangles.len(), 1);
+}
+
+#[test]
 fn unusable_faces_are_dropped_and_counted() {
     let mut file = Builder::triangle();
     let corners =
