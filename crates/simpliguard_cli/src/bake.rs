@@ -37,22 +37,22 @@ pub(crate) fn run(args: &BakeArgs) -> Result<bool, UsageError> {
 fn bake_all(args: &BakeArgs) -> Result<bool, UsageError> {
     args.backend.check()?;
     let jobs = plan(args)?;
-    let session = Session::new(args)?;
-    let bake = |(number, job)| session.bake(job, AssetProgress::new(number + 1, jobs.len(), &job.name));
+    let runner = Runner::new(args)?;
+    let bake = |(number, job)| runner.bake(job, AssetProgress::new(number + 1, jobs.len(), &job.name));
     let outcomes: Vec<Outcome> = jobs.iter().enumerate().map(bake).collect();
     summary::print(&outcomes, args.json)?;
     Ok(outcomes.iter().all(Outcome::succeeded))
 }
 
 /// What all bakes of one run share.
-struct Session<'a> {
+struct Runner<'a> {
     args: &'a BakeArgs,
     interrupt: Interrupt,
     /// `None` for the global pool with all cores.
     pool: Option<ThreadPool>,
 }
 
-impl<'a> Session<'a> {
+impl<'a> Runner<'a> {
     fn new(args: &'a BakeArgs) -> Result<Self, UsageError> {
         let build = |n: std::num::NonZeroUsize| ThreadPoolBuilder::new().num_threads(n.get()).build();
         let pool = args.threads.map(build).transpose();
