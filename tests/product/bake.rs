@@ -97,6 +97,26 @@ fn levels_look_like_the_source() {
     }
 }
 
+#[test]
+fn the_output_opens_in_the_reference_loader_with_a_scene_per_level() {
+    let file = gltf::Gltf::from_slice(&OCTOPUS.glb).expect("valid");
+    let scenes: Vec<_> = file.scenes().map(|s| s.name().unwrap_or_default().to_owned()).collect();
+    assert_eq!(scenes[scenes.len() - 2..], ["LOD1", "LOD2"]);
+    let bin = file.blob.as_deref().expect("one buffer");
+    for (scene, level) in file.scenes().skip(scenes.len() - 2).zip(&OCTOPUS.levels) {
+        let mut nodes: Vec<_> = scene.nodes().collect();
+        let mut meshes = Vec::new();
+        while let Some(node) = nodes.pop() {
+            nodes.extend(node.children());
+            meshes.extend(node.mesh().map(|mesh| (mesh, node.skin().is_some())));
+        }
+        let [(mesh, true)] = &meshes[..] else { panic!("one skinned mesh, not {}", meshes.len()) };
+        let primitive = mesh.primitives().next().expect("one primitive");
+        let indices = primitive.reader(|_| Some(bin)).read_indices().expect("indexed").into_u32().count();
+        assert_eq!(indices, 3 * level.mesh.triangles.len());
+    }
+}
+
 /// On white, in dB.
 fn psnr(a: &Picture, b: &Picture) -> f64 {
     let (a, b) = (a.over(1.0), b.over(1.0));
