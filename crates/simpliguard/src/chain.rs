@@ -231,11 +231,12 @@ fn make_levels(
 }
 
 fn shape_params(settings: &BakeSettings, budgets: &[u32]) -> shape::Params {
-    let thick = |n| reconstruct::Params { offset: 1.5, ..reconstruct::Params::new(n) };
     let reconstructions = match (settings.candidates, settings.resolution) {
         (Candidates::Source, _) => Vec::new(),
         // Fine for large budgets, coarse for small ones, thick where parts lie close together.
-        (_, Resolution::Auto) => vec![reconstruct::Params::new(128), reconstruct::Params::new(256), thick(128)],
+        (_, Resolution::Auto) => {
+            vec![reconstruct::Params::new(128), reconstruct::Params::new(256), reconstruct::Params::thick(128)]
+        }
         (_, Resolution::Cells(n)) => vec![reconstruct::Params::new(n)],
     };
     shape::Params {

@@ -1,9 +1,11 @@
 //! Plain triangle meshes, as the geometric stages pass them on.
 
+mod equal;
 mod topology;
 
 use glam::Vec3;
 
+pub(crate) use equal::{first_equal, position_bits};
 pub(crate) use topology::DisjointSets;
 pub use topology::{EdgeCounts, Topology};
 

@@ -47,6 +47,11 @@ impl Params {
     pub fn new(resolution: u32) -> Self {
         Self { resolution: resolution.next_multiple_of(8).max(32), offset: 0.55, keep: 0.2 }
     }
+
+    /// Far enough from the source that parts which lie close together grow into one: few handles.
+    pub fn thick(resolution: u32) -> Self {
+        Self { offset: 1.5, ..Self::new(resolution) }
+    }
 }
 
 /// Wraps the triangles of `bvh`, given again as indexed positions. Empty for an empty source.

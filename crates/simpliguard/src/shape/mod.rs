@@ -132,10 +132,7 @@ fn best_shapes(inputs: &Inputs<'_>, params: &Params, context: &Context<'_>) -> R
     let mut shapes = walk_all(inputs, params, &roads, context)?;
     if shapes.iter().any(Option::is_none) {
         // A coarse, thick reconstruction has few handles to get stuck on.
-        let coarse: Vec<Road> = [96, 64, 32]
-            .map(|n| Road::Reconstruction(reconstruct::Params { offset: 1.5, ..reconstruct::Params::new(n) }))
-            .into();
-        for road in coarse {
+        for road in [96, 64, 32].map(|n| Road::Reconstruction(reconstruct::Params::thick(n))) {
             for (shape, other) in shapes.iter_mut().zip(walk_all(inputs, params, &[road], context)?) {
                 *shape = shape.take().or(other);
             }

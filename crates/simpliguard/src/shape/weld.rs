@@ -4,7 +4,7 @@ use std::collections::HashMap;
 
 use glam::Vec3;
 
-use crate::mesh::{DisjointSets, Topology, TriMesh, bounds};
+use crate::mesh::{DisjointSets, Topology, TriMesh, bounds, first_equal, position_bits};
 
 /// Positions closer than this fraction of the longest side become one.
 const WELD: f32 = 1e-6;
@@ -57,9 +57,7 @@ pub(super) fn cut(mesh: &TriMesh) -> TriMesh {
 /// Moves vertices that share a place by `step` towards their neighbours, if welding them would make the mesh
 /// non-manifold: tools that weld by position then see what is stored.
 pub(super) fn part_coincident(mesh: &mut TriMesh, step: f32) {
-    let mut ids: HashMap<[u32; 3], u32> = HashMap::with_capacity(mesh.positions.len());
-    let first: Vec<u32> =
-        (0u32..).zip(&mesh.positions).map(|(v, p)| *ids.entry(p.to_array().map(f32::to_bits)).or_insert(v)).collect();
+    let first = first_equal(mesh.positions.len(), |v| position_bits(mesh.positions[v]));
     let welded = TriMesh {
         positions: mesh.positions.clone(),
         triangles: mesh.triangles.iter().map(|t| t.map(|v| first[v as usize])).collect(),

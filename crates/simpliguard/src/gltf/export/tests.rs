@@ -8,9 +8,7 @@ use image::{Rgb, RgbImage, Rgba, RgbaImage};
 use serde_json::{Value, json};
 
 use super::{ExportOptions, export, export_level};
-use crate::model::{
-    AlphaMode, Bone, Document, Influences, Level, LevelMaterial, LevelMesh, LevelTextures, Model, Rig, Surface,
-};
+use crate::model::{AlphaMode, Bone, Document, Influences, Level, LevelMaterial, LevelMesh, LevelTextures, Model, Rig};
 use crate::settings::SourceGeometry;
 
 /// JSON and binary chunk of a GLB.
@@ -82,7 +80,8 @@ fn triangle_document() -> Document {
     });
     let mut second = vec![0; 4];
     second.extend(le(&[0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0]));
-    let png = super::level::base_color_png(&static_shell(), &base_color(255), AlphaMode::Opaque).expect("encodes");
+    let png =
+        super::level::base_color_png(&Model::empty("hand"), &base_color(255), AlphaMode::Opaque).expect("encodes");
     Document {
         json,
         buffers: vec![Bytes::from_static(&[7, 8, 9, 0, 0]), Bytes::from(second)],
@@ -92,20 +91,8 @@ fn triangle_document() -> Document {
     }
 }
 
-fn static_shell() -> Model {
-    Model {
-        name: "hand".into(),
-        surface: Surface::default(),
-        materials: Vec::new(),
-        textures: Vec::new(),
-        rig: None,
-        document: Document::default(),
-        notes: Vec::new(),
-    }
-}
-
 fn triangle() -> Model {
-    Model { document: triangle_document(), ..static_shell() }
+    Model { document: triangle_document(), ..Model::empty("hand") }
 }
 
 /// Two bones in a row under a root, a clip that turns the second and one that only morphs.
@@ -170,7 +157,7 @@ fn two_bones(source_skin: Option<usize>) -> Model {
         mesh_nodes: vec![3],
         node_world: vec![Mat4::IDENTITY; 4],
     };
-    Model { rig: Some(Rig { bones, source_skin }), document, ..static_shell() }
+    Model { rig: Some(Rig { bones, source_skin }), document, ..Model::empty("hand") }
 }
 
 fn base_color(alpha: u8) -> RgbaImage {

@@ -3,7 +3,7 @@
 use glam::{DVec3, Vec3};
 
 use super::asset::Asset;
-use super::weld;
+use crate::mesh::{first_equal, position_bits};
 use crate::model::{Influences, SMALLEST_EXTENT, Surface};
 use crate::{Error, StageId};
 
@@ -74,11 +74,11 @@ fn has_no_area(u: Vec3, v: Vec3, tiny: bool) -> bool {
 
 /// Clears `keep` of every face that repeats an earlier one.
 fn mark_duplicates(surface: &Surface, keep: &mut [bool]) -> usize {
-    let welded = weld::by(surface.positions.len(), |vertex| {
+    let welded = first_equal(surface.positions.len(), |vertex| {
         let bones = surface.influences.get(vertex).map(bone_bits);
-        (weld::position_bits(surface.positions[vertex]), bones)
+        (position_bits(surface.positions[vertex]), bones)
     });
-    let first = weld::by(surface.triangles.len(), |face| {
+    let first = first_equal(surface.triangles.len(), |face| {
         let corners = surface.triangles[face].map(|vertex| welded[vertex as usize]);
         (from_lowest(corners), surface.material[face], !keep[face])
     });

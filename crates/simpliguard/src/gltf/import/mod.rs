@@ -22,7 +22,6 @@ mod resources;
 mod rig;
 mod schema;
 mod surface;
-mod weld;
 
 #[cfg(test)]
 mod tests;

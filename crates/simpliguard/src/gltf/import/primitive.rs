@@ -5,8 +5,8 @@ use glam::{Vec2, Vec3, Vec4};
 use super::accessor::Reader;
 use super::rig;
 use super::schema;
-use super::weld;
 use crate::Error;
+use crate::mesh::{first_equal, position_bits};
 use crate::model::Influences;
 
 const TRIANGLES: u32 = 4;
@@ -205,7 +205,7 @@ fn completed_normals(given: Option<Vec<Vec3>>, positions: &[Vec3], triangles: &[
     if normals.iter().all(|&normal| normal != Vec3::ZERO) {
         return normals;
     }
-    let welded = weld::by(positions.len(), |vertex| weld::position_bits(positions[vertex]));
+    let welded = first_equal(positions.len(), |vertex| position_bits(positions[vertex]));
     let mut sums = vec![Vec3::ZERO; positions.len()];
     for triangle in triangles {
         let [a, b, c] = triangle.map(|v| positions[v as usize]);

@@ -4,7 +4,7 @@ use glam::Vec3;
 use rayon::slice::ParallelSliceMut as _;
 
 /// For each of `count` vertices, the lowest vertex with an equal key.
-pub(super) fn by<K: Ord + Send>(count: usize, key: impl Fn(usize) -> K + Sync) -> Vec<u32> {
+pub(crate) fn first_equal<K: Ord + Send>(count: usize, key: impl Fn(usize) -> K + Sync) -> Vec<u32> {
     let mut order: Vec<u32> = (0..count as u32).collect();
     order.par_sort_unstable_by(|&a, &b| key(a as usize).cmp(&key(b as usize)).then(a.cmp(&b)));
     let mut first = vec![0; count];
@@ -17,6 +17,6 @@ pub(super) fn by<K: Ord + Send>(count: usize, key: impl Fn(usize) -> K + Sync) -
 }
 
 /// A position as a key; both zeros are one.
-pub(super) fn position_bits(position: Vec3) -> [u32; 3] {
+pub(crate) fn position_bits(position: Vec3) -> [u32; 3] {
     (position + 0.0).to_array().map(f32::to_bits)
 }
