@@ -21,9 +21,30 @@ const TASK: i32 = 32;
 /// What the descent needs to know everywhere.
 struct Descent<'a> {
     corners: &'a [[Vec3A; 3]],
+    spheres: &'a [Sphere],
     spacing: f32,
     origin: Vec3A,
     band: f32,
+}
+
+/// Around a triangle: most are ruled out by it, at a tenth of the cost of the exact distance.
+#[derive(Clone, Copy)]
+struct Sphere {
+    centre: Vec3A,
+    radius: f32,
+}
+
+impl Sphere {
+    fn around(corners: &[Vec3A; 3]) -> Self {
+        let centre = (corners[0] + corners[1] + corners[2]) / 3.0;
+        let radius = corners.iter().map(|p| p.distance_squared(centre)).fold(0.0, f32::max).sqrt();
+        Self { centre, radius }
+    }
+
+    /// No point of the triangle is closer to `p`, but for rounding.
+    fn least_distance(&self, p: Vec3A) -> f32 {
+        p.distance(self.centre) - self.radius
+    }
 }
 
 /// Triangle lists of the nodes from the root of a task down to the node at work, one behind the other.
@@ -43,7 +64,8 @@ pub(super) fn build(positions: &[Vec3], triangles: &[[u32; 3]], params: &Params)
     let spacing = extent / (samples as f32 - 2.0 * MARGIN);
     let origin = Vec3A::from((low + high) * 0.5) - Vec3A::splat((samples - 1) as f32 * 0.5 * spacing);
     let offset = params.offset * spacing;
-    let descent = Descent { corners: &corners, spacing, origin, band: offset + BAND * spacing };
+    let spheres: Vec<Sphere> = corners.iter().map(Sphere::around).collect();
+    let descent = Descent { corners: &corners, spheres: &spheres, spacing, origin, band: offset + BAND * spacing };
 
     let bricks: Vec<Brick> = descent
         .tasks(samples)
@@ -156,17 +178,20 @@ impl Descent<'_> {
         let centre = self.origin + (origin.as_vec3a() + Vec3A::splat(reach)) * self.spacing;
         let half_diagonal = reach * self.spacing * 1.732_051;
         let end = lists.triangles.len();
-        let mut nearest = f32::MAX;
+        let slack = self.spacing * 1e-4;
+        let (far, mut limit) = (half_diagonal + self.band, f32::MAX);
         for i in start..end {
             let triangle = lists.triangles[i];
+            if self.spheres[triangle as usize].least_distance(centre) > far.min(limit) + slack {
+                continue;
+            }
             let d = closest_point(centre, &self.corners[triangle as usize]).distance(centre);
-            if d <= half_diagonal + self.band {
-                nearest = nearest.min(d);
+            if d <= far {
+                limit = limit.min(d + 2.0 * half_diagonal + slack);
                 lists.triangles.push(triangle);
                 lists.distances.push(d);
             }
         }
-        let limit = nearest + 2.0 * half_diagonal + self.spacing * 1e-4;
         let mut kept = end;
         for i in end..lists.triangles.len() {
             if lists.distances[i] <= limit {
@@ -184,14 +209,21 @@ impl Descent<'_> {
             for y in local.y..local.y + size {
                 for x in local.x..local.x + size {
                     let p = self.origin + (brick + IVec3::new(x, y, z)).as_vec3a() * self.spacing;
-                    let squared = list
-                        .iter()
-                        .map(|&t| closest_point(p, &self.corners[t as usize]).distance_squared(p))
-                        .fold(f32::MAX, f32::min);
-                    distance[(x + 8 * y + 64 * z) as usize] = squared.sqrt();
+                    distance[(x + 8 * y + 64 * z) as usize] = self.distance(p, list);
                 }
             }
         }
+    }
+
+    /// Distance from `p` to the nearest of the listed triangles.
+    fn distance(&self, p: Vec3A, list: &[u32]) -> f32 {
+        let mut nearest = f32::MAX;
+        for &t in list {
+            if self.spheres[t as usize].least_distance(p) <= nearest + self.spacing * 1e-4 {
+                nearest = nearest.min(closest_point(p, &self.corners[t as usize]).distance(p));
+            }
+        }
+        nearest
     }
 }
 
