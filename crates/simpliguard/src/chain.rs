@@ -6,6 +6,7 @@ use serde::{Deserialize, Serialize};
 use crate::clock::Clock;
 use crate::gltf::{self, ExportOptions, Limits};
 use crate::level::{Shared, make_level};
+use crate::mesh::{Topology, TriMesh, self_intersecting};
 use crate::model::{Level, Model, SMALLEST_EXTENT};
 use crate::refine::Refined;
 use crate::render::{Frame, SurfaceSampler, take_views, viewpoints};
@@ -102,6 +103,8 @@ pub struct LevelReport {
     /// Distances in full.
     pub deviation: Deviation,
     /// Charts of the atlas.
+    /// Form of its surface.
+    pub topology: LevelTopology,
     pub charts: u32,
     /// Part of the atlas that charts cover.
     pub fill: f32,
@@ -110,6 +113,32 @@ pub struct LevelReport {
 }
 
 /// Bakes levels of detail for one file.
+/// Form of a level's surface, vertices in one place counted once where they are joined. All levels are manifolds.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct LevelTopology {
+    /// Parts that hang together over edges.
+    pub components: u32,
+    /// Vertices less edges plus faces: two for each closed part, less two for each handle and one for each hole.
+    pub euler_characteristic: i64,
+    /// Edges of one face: the rim of sheets, and of holes where nothing sees them.
+    pub boundary_edges: u32,
+    /// Faces that pass through others.
+    pub self_intersecting: u32,
+}
+
+impl LevelTopology {
+    /// Measures a level.
+    pub fn of(mesh: &TriMesh) -> Self {
+        let topology = Topology::of(mesh);
+        Self {
+            components: topology.components as u32,
+            euler_characteristic: topology.euler_characteristic,
+            boundary_edges: topology.edges.boundary as u32,
+            self_intersecting: self_intersecting(mesh).into_iter().filter(|face| *face).count() as u32,
+        }
+    }
+}
+
 ///
 /// Equal bytes, settings and [`PIPELINE_VERSION`] give equal results for any number of threads. Work runs on the rayon
 /// pool of the caller.
@@ -251,6 +280,8 @@ fn shape_params(settings: &BakeSettings, budgets: &[u32]) -> shape::Params {
     }
 }
 
+        finer: (settings.resolution == Resolution::Auto && !reconstructions.is_empty())
+            .then(|| reconstruct::Params::new(384)),
 #[cfg(test)]
 mod tests {
     use bytes::Bytes;

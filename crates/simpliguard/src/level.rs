@@ -3,7 +3,7 @@
 use glam::Vec4;
 use rayon::prelude::*;
 
-use crate::chain::LevelReport;
+use crate::chain::{LevelReport, LevelTopology};
 use crate::clock::Clock;
 use crate::mesh::TriMesh;
 use crate::model::{Influences, Level, Model, linear_to_srgb};
@@ -70,6 +70,7 @@ pub(crate) fn make_level(
     let influences = clock.time(StageId::Rig, || influences(shared, &mesh));
     let unlit = model.materials.iter().all(|m| m.unlit);
     let channels = Channels { normal: settings.normal_map && !unlit, alpha };
+    let topology = LevelTopology::of(&mesh);
     let (mesh, textures, material) = clock.time(StageId::Texture, || {
         let mesh = texture::level_mesh(&mesh, &atlas, &influences, channels.normal);
         let (textures, varying) = texture::maps(&mesh, &canvas.texels, &samples, &low.texels, size, channels);
@@ -85,6 +86,7 @@ pub(crate) fn make_level(
         candidate: shape.road.to_string(),
         error: deviation.percentile_95,
         deviation: *deviation,
+        topology,
         charts: atlas.charts as u32,
         fill: atlas.fill,
         refined,

@@ -1,11 +1,16 @@
 //! Plain triangle meshes, as the geometric stages pass them on.
 
 mod equal;
+mod face_tree;
+mod intersect;
 mod topology;
 
 use glam::Vec3;
 
 pub(crate) use equal::{first_equal, position_bits};
+pub(crate) use face_tree::{Box3, FaceTree};
+pub use intersect::self_intersecting;
+pub(crate) use intersect::{intersecting_pairs, pass_through};
 pub(crate) use topology::DisjointSets;
 pub use topology::{EdgeCounts, Topology};
 

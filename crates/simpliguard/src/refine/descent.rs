@@ -6,6 +6,7 @@ use rayon::prelude::*;
 use super::adam::Adam;
 use super::backward::Gradients;
 use super::forward::Frame;
+use super::guard::Guard;
 use super::loss::{Loss, squared_error};
 use super::regularise::Laplacian;
 use super::{LowPoly, solve_texture};
@@ -158,6 +159,7 @@ fn descend(
     let lane = || Lane { frame: Frame::new(size), loss: Loss::default(), gradients: Gradients::default() };
     let mut lanes: Vec<Lane> = (0..BATCH).map(|_| lane()).collect();
     let origin = low.positions.clone();
+    let guard = Guard::new(low);
     let laplacian = Laplacian::new(origin.len(), &low.triangles);
     let mut adam = Adam::new(origin.len());
     let mut order = Order::new(split.fitted.len(), params.seed);
@@ -184,7 +186,7 @@ fn descend(
         adam.step(&mut low.positions, &gradient, rate);
         rate *= DECAY;
         if step % params.resolve_every.max(1) == 0 || step == params.steps {
-            undo_flips(low, &origin);
+            guard.take_back(low);
             split.solve(low, params.smoothness);
             let psnr = split.judge(low);
             tracing::trace!(step, psnr, "refine");
@@ -200,33 +202,6 @@ fn descend(
     }
     (low.positions, low.texels) = (best.1, best.2);
     Ok(best.0)
-}
-
-/// Puts the corners of faces that have turned over, or lost their area, back to where they began.
-fn undo_flips(low: &mut LowPoly, origin: &[Vec3]) {
-    let normal = |p: &[Vec3], t: &[u32; 3]| {
-        let [a, b, c] = t.map(|v| p[v as usize]);
-        (b - a).cross(c - a)
-    };
-    // Each round puts back at least one vertex, and a face at its origin is upright.
-    loop {
-        let turned: Vec<[u32; 3]> = low
-            .triangles
-            .iter()
-            .filter(|t| {
-                let (old, new) = (normal(origin, t), normal(&low.positions, t));
-                old.dot(new) <= 0.05 * old.length() * new.length() || new.length() < 0.01 * old.length()
-            })
-            .filter(|t| t.iter().any(|&v| low.positions[v as usize] != origin[v as usize]))
-            .copied()
-            .collect();
-        if turned.is_empty() {
-            return;
-        }
-        for v in turned.into_iter().flatten() {
-            low.positions[v as usize] = origin[v as usize];
-        }
-    }
 }
 
 /// Views in random order, each once before any comes again.

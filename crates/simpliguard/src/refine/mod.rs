@@ -13,6 +13,7 @@ mod descent;
 mod forward;
 #[cfg(test)]
 mod gradient_tests;
+mod guard;
 mod loss;
 mod low_poly;
 mod regularise;

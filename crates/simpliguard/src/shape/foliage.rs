@@ -100,7 +100,14 @@ impl Foliage {
             cards.reach.push(add_card(&mut mesh, &self.points(&triangles)));
             cards.group.extend([group as u32; 2]);
         }
-        Shape { mesh, double_sided: true, road: Road::Cards, render_error: 0.0, cards: Some(cards) }
+        Shape {
+            mesh,
+            double_sided: true,
+            road: Road::Cards,
+            render_error: 0.0,
+            self_intersecting: 0,
+            cards: Some(cards),
+        }
     }
 
     /// What is no leaf, collapsed to `budget` faces.

@@ -19,7 +19,7 @@ mod weld;
 use glam::Vec3;
 use rayon::prelude::*;
 
-use crate::mesh::TriMesh;
+use crate::mesh::{TriMesh, self_intersecting};
 use crate::model::Model;
 use crate::reconstruct::{self, reconstruct};
 use crate::render::{Frame, View};
@@ -37,6 +37,13 @@ const RINGS: usize = 2;
 /// A component that deserves fewer faces than this is dropped.
 const NEGLIGIBLE_FACES: f64 = 0.75;
 
+/// Part of a shape's faces that may pass through others before it counts as tangled.
+const MAY_INTERSECT: f64 = 0.01;
+/// A tangled shape is only taken if its error is this many times smaller than that of the best other one: one decibel.
+const TANGLED: f64 = 1.26;
+/// As [`TANGLED`]; a finer reconstruction is tried where it may come that close.
+const WITHIN_REACH: f64 = 1.6;
+
 /// How far vertices in one place are moved apart, as a part of the frame's radius.
 const PARTED: f32 = 2e-5;
 
@@ -47,6 +54,8 @@ pub struct Params {
     pub budgets: Vec<u32>,
     /// Reconstructions to try.
     pub reconstructions: Vec<reconstruct::Params>,
+    /// Tried only where the best shape passes through itself.
+    pub finer: Option<reconstruct::Params>,
     /// Whether to try the source's own triangles.
     pub source: bool,
     /// Whether foliage becomes cards.
@@ -91,6 +100,8 @@ pub struct Shape {
     pub road: Road,
     /// Error against the source's pictures that no texture removes, mean square per pixel.
     pub render_error: f64,
+    /// Faces that pass through others.
+    pub self_intersecting: usize,
     /// Which faces are cut-out cards, if the source is foliage.
     pub cards: Option<Cards>,
 }
@@ -119,6 +130,17 @@ pub fn shape(inputs: &Inputs<'_>, params: &Params, context: &Context<'_>) -> Res
     Ok(shapes)
 }
 
+/// Collapses a manifold mesh, with or without boundary, to at most `faces` faces by plain quadric error: the step that the
+/// roads share, without a source to compare with.
+pub fn collapse(mesh: &TriMesh, faces: usize) -> TriMesh {
+    let frame = Frame::around(&mesh.positions);
+    let unit = to_unit_sphere(mesh, &frame);
+    let areas: Vec<f64> = (0..unit.triangles.len()).map(|t| 0.5 * f64::from(unit.area_vector(t).length())).collect();
+    let mut simplifier = Simplifier::new(&unit, &areas, 0.0);
+    simplifier.run(faces);
+    from_unit_sphere(simplifier.mesh(), &frame)
+}
+
 fn best_shapes(inputs: &Inputs<'_>, params: &Params, context: &Context<'_>) -> Result<Vec<Shape>, Error> {
     if params.cards
         && let Some(shapes) = foliage::shapes(inputs, params)
@@ -129,16 +151,26 @@ fn best_shapes(inputs: &Inputs<'_>, params: &Params, context: &Context<'_>) -> R
     if params.source {
         roads.push(Road::Source);
     }
-    let mut shapes = walk_all(inputs, params, &roads, context)?;
-    if shapes.iter().any(Option::is_none) {
+    let mut contests: Vec<Contest> = params.budgets.iter().map(|_| Contest::default()).collect();
+    walk_all(inputs, params, &roads, &mut contests, context)?;
+    if contests.iter().any(|c| c.best().is_none()) {
         // A coarse, thick reconstruction has few handles to get stuck on.
         for road in [96, 64, 32].map(|n| Road::Reconstruction(reconstruct::Params::thick(n))) {
-            for (shape, other) in shapes.iter_mut().zip(walk_all(inputs, params, &[road], context)?) {
-                *shape = shape.take().or(other);
+            let mut spare: Vec<Contest> = params.budgets.iter().map(|_| Contest::default()).collect();
+            walk_all(inputs, params, &[road], &mut spare, context)?;
+            for (contest, spare) in contests.iter_mut().zip(spare) {
+                if contest.best().is_none() {
+                    *contest = spare;
+                }
             }
         }
     }
-    let found: Option<Vec<Shape>> = shapes.into_iter().collect();
+    if let Some(finer) = params.finer
+        && contests.iter().any(Contest::wants_finer)
+    {
+        walk_all(inputs, params, &[Road::Reconstruction(finer)], &mut contests, context)?;
+    }
+    let found: Option<Vec<Shape>> = contests.into_iter().map(Contest::into_best).collect();
     found.ok_or_else(|| {
         Error::invalid(
             &inputs.model.name,
@@ -149,31 +181,75 @@ fn best_shapes(inputs: &Inputs<'_>, params: &Params, context: &Context<'_>) -> R
     })
 }
 
-/// Walks the roads and keeps the best shape within each budget.
+/// The best shapes for a budget so far.
+#[derive(Default)]
+struct Contest {
+    clean: Option<Shape>,
+    /// The best of those whose faces pass through each other.
+    tangled: Option<Shape>,
+}
+
+impl Contest {
+    fn enter(&mut self, shape: Shape) {
+        let best = if is_tangled(&shape.mesh, shape.self_intersecting) { &mut self.tangled } else { &mut self.clean };
+        if best.as_ref().is_none_or(|b| shape.render_error < b.render_error) {
+            *best = Some(shape);
+        }
+    }
+
+    /// Whether the best tangled shape has an error more than `times` smaller than that of the best clean one.
+    fn tangled_wins(&self, times: f64) -> bool {
+        let error = |shape: &Option<Shape>| shape.as_ref().map_or(f64::INFINITY, |s| s.render_error);
+        self.tangled.is_some() && error(&self.tangled) * times < error(&self.clean)
+    }
+
+    fn wants_finer(&self) -> bool {
+        self.tangled_wins(1.0) && !self.tangled_wins(WITHIN_REACH)
+    }
+
+    fn best(&self) -> Option<&Shape> {
+        if self.tangled_wins(TANGLED) { self.tangled.as_ref() } else { self.clean.as_ref() }
+    }
+
+    fn into_best(self) -> Option<Shape> {
+        if self.tangled_wins(TANGLED) { self.tangled } else { self.clean }
+    }
+}
+
+/// Faces of a mesh that pass through others.
+fn tangled_faces(mesh: &TriMesh) -> usize {
+    self_intersecting(mesh).into_iter().filter(|face| *face).count()
+}
+
+fn is_tangled(mesh: &TriMesh, tangled_faces: usize) -> bool {
+    tangled_faces as f64 > MAY_INTERSECT * mesh.triangles.len() as f64
+}
+
+/// Walks the roads and enters what they lead to into the contests.
 fn walk_all(
     inputs: &Inputs<'_>,
     params: &Params,
     roads: &[Road],
+    contests: &mut [Contest],
     context: &Context<'_>,
-) -> Result<Vec<Option<Shape>>, Error> {
+) -> Result<(), Error> {
     let walked: Vec<Vec<Shape>> = roads.par_iter().map(|&road| walk(inputs, params, road, context)).collect();
     context.check(&inputs.model.name)?;
     let judges: Vec<&View> = inputs.views.iter().step_by(3).collect();
-    let mut best: Vec<Option<Shape>> = params.budgets.iter().map(|_| None).collect();
     for shapes in walked {
-        for ((best, mut shape), &budget) in best.iter_mut().zip(shapes).zip(&params.budgets) {
+        for ((contest, mut shape), &budget) in contests.iter_mut().zip(shapes).zip(&params.budgets) {
             let faces = shape.mesh.triangles.len();
             if faces == 0 || faces > budget as usize {
                 continue;
             }
             shape.render_error = candidates::render_error(&shape.mesh, shape.double_sided, &judges);
-            tracing::debug!(%shape.road, budget, faces, error = shape.render_error, "candidate");
-            if best.as_ref().is_none_or(|b| shape.render_error < b.render_error) {
-                *best = Some(shape);
-            }
+            shape.self_intersecting = tangled_faces(&shape.mesh);
+            let Shape { road, render_error: error, self_intersecting: tangled, .. } = &shape;
+            tracing::debug!(%road, budget, faces, error, tangled, "candidate");
+            contest.enter(shape);
         }
     }
-    Ok(best)
+    Ok(())
 }
 
 /// One shape per budget along a road; empty if cancelled.
@@ -205,6 +281,11 @@ fn collapse_dense(
         let unit_frame = Frame { centre: Vec3::ZERO, radius: 1.0 };
         simplifier.remove_faces(&visibility::enclosed(&simplifier.mesh(), &unit_frame, double_sided));
     }
+    // Parts of a source may pass through each other: collapses cannot mend that, and would be stuck on it.
+    let dense = simplifier.mesh();
+    if !is_tangled(&dense, tangled_faces(&dense)) {
+        simplifier.watch_intersections();
+    }
     let mut shapes = Vec::new();
     for &budget in params.budgets.iter().rev() {
         if params.remove_invisible {
@@ -212,7 +293,7 @@ fn collapse_dense(
         }
         simplifier.run(budget as usize);
         let mesh = from_unit_sphere(simplifier.mesh(), &inputs.frame);
-        shapes.push(Shape { mesh, double_sided, road, render_error: f64::INFINITY, cards: None });
+        shapes.push(Shape { mesh, double_sided, road, render_error: f64::INFINITY, self_intersecting: 0, cards: None });
     }
     shapes.reverse();
     shapes

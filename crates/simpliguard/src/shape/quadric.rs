@@ -9,25 +9,56 @@ use glam::{DMat3, DVec3, DVec4};
 /// Sum of squared distances to weighted planes, and of weighted curvature errors.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Quadric {
+    pub(super) planes: Planes,
+    pub(super) attribute: Attribute,
+}
+
+/// `p A p + 2 b p + c`.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Planes {
     /// Upper triangle of the 3 x 3 matrix: xx, xy, xz, yy, yz, zz.
     a: [f64; 6],
     b: DVec3,
     c: f64,
-    /// `G`, `Q` and `W` of the curvature attribute.
+}
+
+/// `G`, `Q` and `W` of the curvature attribute.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Attribute {
     gradient: DVec4,
     weight: f64,
+}
+
+impl Planes {
+    pub(super) fn add(&mut self, other: &Self) {
+        for (a, b) in self.a.iter_mut().zip(&other.a) {
+            *a += b;
+        }
+        self.b += other.b;
+        self.c += other.c;
+    }
+
+    fn at(&self, p: DVec3) -> f64 {
+        let [xx, xy, xz, yy, yz, zz] = self.a;
+        let ap =
+            DVec3::new(xx * p.x + xy * p.y + xz * p.z, xy * p.x + yy * p.y + yz * p.z, xz * p.x + yz * p.y + zz * p.z);
+        p.dot(ap) + 2.0 * self.b.dot(p) + self.c
+    }
+}
+
+impl Attribute {
+    pub(super) fn add(&mut self, other: &Self) {
+        self.gradient += other.gradient;
+        self.weight += other.weight;
+    }
 }
 
 impl Quadric {
     /// Squared distance to the plane `n . p + d = 0`, times `weight`.
     pub(super) fn plane(n: DVec3, d: f64, weight: f64) -> Self {
         let w = n * weight;
-        Self {
-            a: [w.x * n.x, w.x * n.y, w.x * n.z, w.y * n.y, w.y * n.z, w.z * n.z],
-            b: w * d,
-            c: weight * d * d,
-            ..Self::default()
-        }
+        let a = [w.x * n.x, w.x * n.y, w.x * n.z, w.y * n.y, w.y * n.z, w.z * n.z];
+        Self { planes: Planes { a, b: w * d, c: weight * d * d }, ..Self::default() }
     }
 
     /// Curvature errors of a face with corners `p`, normal `n` and curvatures `c` at its corners, times `weight`.
@@ -39,49 +70,43 @@ impl Quadric {
             return Self::default();
         }
         let q = c[0] - g.dot(p[0]);
-        Self { gradient: g.extend(q) * weight, weight, ..Self::plane(g, q, weight) }
+        Self { attribute: Attribute { gradient: g.extend(q) * weight, weight }, ..Self::plane(g, q, weight) }
     }
 
     pub(super) fn add(&mut self, other: &Self) {
-        for (a, b) in self.a.iter_mut().zip(&other.a) {
-            *a += b;
-        }
-        self.b += other.b;
-        self.c += other.c;
-        self.gradient += other.gradient;
-        self.weight += other.weight;
+        self.planes.add(&other.planes);
+        self.attribute.add(&other.attribute);
     }
 
     /// The error at `p`, never negative.
     pub(super) fn error(&self, p: DVec3) -> f64 {
-        let planes = p.dot(self.times(p)) + 2.0 * self.b.dot(p) + self.c;
-        let attribute = if self.weight > 0.0 {
-            let mean = self.gradient.dot(p.extend(1.0));
-            mean * mean / self.weight
-        } else {
-            0.0
-        };
-        (planes - attribute).max(0.0)
+        let Attribute { gradient, weight } = self.attribute;
+        let mean = gradient.dot(p.extend(1.0));
+        let attribute = if weight > 0.0 { mean * mean / weight } else { 0.0 };
+        (self.planes.at(p) - attribute).max(0.0)
     }
 
     /// Where the error is least, unless that is ill defined.
     pub(super) fn minimum(&self) -> Option<DVec3> {
-        let [xx, xy, xz, yy, yz, zz] = self.a;
-        let mut m = DMat3::from_cols_array(&[xx, xy, xz, xy, yy, yz, xz, yz, zz]);
-        let mut b = self.b;
-        if self.weight > 0.0 {
-            let g = self.gradient.truncate();
-            m -= DMat3::from_cols(g * g.x, g * g.y, g * g.z) * (1.0 / self.weight);
-            b -= g * (self.gradient.w / self.weight);
+        let Planes { a: [mut xx, mut xy, mut xz, mut yy, mut yz, mut zz], mut b, .. } = self.planes;
+        let Attribute { gradient, weight } = self.attribute;
+        if weight > 0.0 {
+            let g = gradient.truncate();
+            let w = g / weight;
+            (xx, xy, xz) = (xx - w.x * g.x, xy - w.x * g.y, xz - w.x * g.z);
+            (yy, yz, zz) = (yy - w.y * g.y, yz - w.y * g.z, zz - w.z * g.z);
+            b -= w * gradient.w;
         }
-        let scale = (m.x_axis.x + m.y_axis.y + m.z_axis.z) / 3.0;
-        let determinant = m.determinant();
-        (determinant.abs() > 1e-5 * scale * scale * scale).then(|| -(m.inverse() * b))
-    }
-
-    fn times(&self, p: DVec3) -> DVec3 {
-        let [xx, xy, xz, yy, yz, zz] = self.a;
-        DVec3::new(xx * p.x + xy * p.y + xz * p.z, xy * p.x + yy * p.y + yz * p.z, xz * p.x + yz * p.y + zz * p.z)
+        // The adjugate of a symmetric matrix is symmetric.
+        let x = DVec3::new(yy * zz - yz * yz, xz * yz - xy * zz, xy * yz - xz * yy);
+        let determinant = xx * x.x + xy * x.y + xz * x.z;
+        let scale = (xx + yy + zz) / 3.0;
+        if determinant.abs() <= 1e-5 * scale * scale * scale {
+            return None;
+        }
+        let y = DVec3::new(x.y, xx * zz - xz * xz, xy * xz - xx * yz);
+        let z = DVec3::new(x.z, y.z, xx * yy - xy * xy);
+        Some(DVec3::new(x.dot(b), y.dot(b), z.dot(b)) / -determinant)
     }
 }
 

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use super::{NONE, Simplifier};
+use super::Simplifier;
 use crate::mesh::DisjointSets;
 
 /// A component: its live faces and the mass of its vertices.
@@ -33,15 +33,13 @@ impl Simplifier {
         let dead: Vec<u32> = live.iter().zip(unseen).filter(|(_, dead)| **dead).map(|(&f, _)| f).collect();
         self.remove(&dead);
         self.split_pinched_vertices();
-        self.fill_heap();
     }
 
     pub(super) fn remove(&mut self, faces: &[u32]) {
         for &f in faces {
-            for v in std::mem::replace(&mut self.faces[f as usize], [NONE; 3]) {
+            for v in self.kill(f) {
                 self.stamps[v as usize] += 1;
             }
-            self.live_faces -= 1;
         }
     }
 
@@ -60,13 +58,13 @@ impl Simplifier {
     pub(super) fn components(&self) -> Vec<Component> {
         let mut sets = DisjointSets::new(self.positions.len());
         for f in self.live() {
-            let [a, b, c] = self.faces[f as usize];
+            let [a, b, c] = self.faces[f as usize].vertices;
             sets.join(a as usize, b as usize);
             sets.join(b as usize, c as usize);
         }
         let mut by_root: BTreeMap<usize, Component> = BTreeMap::new();
         for f in self.live() {
-            let root = sets.find(self.faces[f as usize][0] as usize);
+            let root = sets.find(self.face(f)[0] as usize);
             by_root.entry(root).or_default().faces.push(f);
         }
         for v in 0..self.positions.len() {

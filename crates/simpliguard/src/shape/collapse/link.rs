@@ -1,7 +1,5 @@
 //! Which collapses leave a manifold (Dey et al. 1999) whose faces stay the right way up.
 
-use std::cmp::Reverse;
-
 use glam::DVec3;
 
 use super::{Entry, NONE, Simplifier};
@@ -22,7 +20,7 @@ impl Simplifier {
                 if !faces.contains(&f) {
                     faces.push(f);
                 }
-                for v in self.faces[f as usize] {
+                for v in self.faces[f as usize].vertices {
                     if !vertices.contains(&v) {
                         vertices.push(v);
                     }
@@ -31,13 +29,13 @@ impl Simplifier {
             at += 1;
         }
         let mut quadric = Quadric::default();
-        vertices.iter().for_each(|&v| quadric.add(&self.quadrics[v as usize]));
+        vertices.iter().for_each(|&v| quadric.add(&self.quadric(v)));
         let middle = vertices.iter().map(|&v| self.positions[v as usize]).sum::<DVec3>() / vertices.len() as f64;
-        let cost = (quadric.error(middle) as f32).to_bits();
+        let cost = quadric.error(middle) as f32;
         if entry.cost >= cost {
             self.remove(&faces);
         } else {
-            self.heap.push(Reverse(Entry { cost, ..*entry }));
+            self.queue.push(cost, Entry { cost, ..*entry });
         }
     }
 
@@ -47,7 +45,7 @@ impl Simplifier {
         if edge_faces == 0 || edge_faces > 2 {
             return false;
         }
-        if edge_faces == 2 && self.is_boundary(u) && self.is_boundary(v) {
+        if edge_faces == 2 && self.boundary[u as usize] && self.boundary[v as usize] {
             return false;
         }
         // Common neighbours must be the corners opposite to the edge, and not be joined on both sides.
@@ -57,7 +55,7 @@ impl Simplifier {
         let (mut common, mut closing) = (0, 0);
         let (mut cursor, mut blocked) = (self.first[v as usize], false);
         while cursor != NONE {
-            let face = self.faces[cursor as usize / 3];
+            let face = self.faces[cursor as usize / 3].vertices;
             if face[0] != NONE {
                 for w in face {
                     if w != u && w != v && self.marks[w as usize] == seen {
@@ -75,7 +73,7 @@ impl Simplifier {
                     && face.iter().all(|&w| w == v || self.marks[w as usize] >= seen)
                     && self.has_face_with(u, face, v);
             }
-            cursor = self.next[cursor as usize];
+            cursor = self.after(cursor);
         }
         common == edge_faces + closing.min(1) && !blocked
     }
@@ -83,20 +81,20 @@ impl Simplifier {
     /// Whether some face has all three corners.
     pub(super) fn has_face(&self, u: u32, v: u32, w: u32) -> bool {
         self.faces_of(u).any(|(f, _)| {
-            let face = self.faces[f as usize];
+            let face = self.faces[f as usize].vertices;
             face.contains(&v) && face.contains(&w)
         })
     }
 
     /// Whether `u` has a face with the corners of `face` other than `v`.
     pub(super) fn has_face_with(&self, u: u32, face: [u32; 3], v: u32) -> bool {
-        self.faces_of(u).any(|(f, _)| face.iter().all(|w| *w == v || self.faces[f as usize].contains(w)))
+        self.faces_of(u).any(|(f, _)| face.iter().all(|w| *w == v || self.faces[f as usize].vertices.contains(w)))
     }
 
     /// Whether the faces of `moved` that `other` is not part of stay the right way up when it moves to `place`.
     pub(super) fn keeps_faces(&self, moved: u32, other: u32, place: DVec3, max_turn: f64) -> bool {
         self.faces_of(moved).all(|(f, k)| {
-            let face = self.faces[f as usize];
+            let face = self.faces[f as usize].vertices;
             if face.contains(&other) {
                 return true;
             }

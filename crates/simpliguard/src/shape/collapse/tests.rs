@@ -1,5 +1,5 @@
 use super::*;
-use crate::mesh::Topology;
+use crate::mesh::{Topology, self_intersecting};
 use proptest::prelude::*;
 
 fn grid(n: u32, height: impl Fn(f32, f32) -> f32) -> TriMesh {
@@ -89,8 +89,54 @@ fn removing_faces_leaves_no_pinched_vertex() {
     assert_eq!((topology.non_manifold_vertices, topology.components), (0, 2));
 }
 
+/// Two rippled sheets, the upper a hair above the lower: collapsed on their own, their facets would cross.
+fn two_sheets() -> TriMesh {
+    let ripple = |x: f32, y: f32| 0.05 * (libm::sinf(9.0 * x) + libm::cosf(7.0 * y));
+    let (mut mesh, upper) = (grid(16, ripple), grid(16, |x, y| ripple(x, y) + 0.004 + 0.01 * x * y));
+    mesh.triangles.extend(upper.triangles.iter().map(|t| t.map(|v| v + mesh.positions.len() as u32)));
+    mesh.positions.extend(upper.positions);
+    mesh
+}
+
+#[test]
+fn close_sheets_do_not_grow_through_each_other_once_watched() {
+    let mesh = two_sheets();
+    let tangled = |watch: bool| {
+        let mut simplifier = Simplifier::new(&mesh, &areas(&mesh), 0.0);
+        if watch {
+            simplifier.watch_intersections();
+        }
+        simplifier.run(200);
+        let out = simplifier.mesh();
+        assert!(out.triangles.len() <= 200);
+        self_intersecting(&out).into_iter().filter(|face| *face).count()
+    };
+    assert_eq!(tangled(true), 0);
+    assert!(tangled(false) > 0, "the test would pass without the watch");
+}
+
+#[test]
+fn a_budget_is_met_where_every_collapse_would_cross() {
+    let mesh = two_sheets();
+    let mut simplifier = Simplifier::new(&mesh, &areas(&mesh), 0.0);
+    simplifier.watch_intersections();
+    assert!(simplifier.run(6) <= 6);
+    assert!(Topology::of(&simplifier.mesh()).is_manifold());
+}
+
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(32))]
+    #[test]
+    fn height_fields_never_pass_through_themselves(
+        heights in prop::collection::vec(-0.3f32..0.3, 121), target in 40usize..150,
+    ) {
+        let mesh = grid(10, |x, y| heights[((y * 10.0).round() * 11.0 + (x * 10.0).round()) as usize]);
+        let mut simplifier = Simplifier::new(&mesh, &areas(&mesh), 0.0);
+        simplifier.watch_intersections();
+        simplifier.run(target);
+        prop_assert!(!self_intersecting(&simplifier.mesh()).contains(&true));
+    }
+
     #[test]
     fn height_fields_stay_manifold_within_budget(
         heights in prop::collection::vec(-0.3f32..0.3, 121), target in 4usize..150,
