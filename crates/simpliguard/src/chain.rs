@@ -12,6 +12,7 @@ use crate::refine::Refined;
 use crate::render::{Frame, SurfaceSampler, take_views, viewpoints};
 use crate::settings::{BakeSettings, Candidates, ExistingLods, Resolution};
 use crate::shape::{self, Deviation};
+use crate::targets::Targets;
 use crate::{Bvh, Context, Error, Source, StageId, reconstruct};
 
 /// Part of every cache key: raised whenever the output of any stage changes for equal input and settings.
@@ -102,9 +103,9 @@ pub struct LevelReport {
     pub error: f32,
     /// Distances in full.
     pub deviation: Deviation,
-    /// Charts of the atlas.
     /// Form of its surface.
     pub topology: LevelTopology,
+    /// Charts of the atlas.
     pub charts: u32,
     /// Part of the atlas that charts cover.
     pub fill: f32,
@@ -112,7 +113,6 @@ pub struct LevelReport {
     pub refined: Option<Refined>,
 }
 
-/// Bakes levels of detail for one file.
 /// Form of a level's surface, vertices in one place counted once where they are joined. All levels are manifolds.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct LevelTopology {
@@ -139,6 +139,7 @@ impl LevelTopology {
     }
 }
 
+/// Bakes levels of detail for one file.
 ///
 /// Equal bytes, settings and [`PIPELINE_VERSION`] give equal results for any number of threads. Work runs on the rayon
 /// pool of the caller.
@@ -164,12 +165,13 @@ pub fn bake(source: &Source<'_>, settings: &BakeSettings, context: &Context<'_>)
         return passed_through(source, Some(model), Status::KeptLods, &clock);
     }
     let faces = model.surface.triangles.len();
-    let budgets: Vec<u32> = settings.faces.iter().copied().filter(|&n| (n as usize) < faces).collect();
+    let targets = Targets::new(settings, faces);
+    let budgets = targets.budgets();
     if budgets.is_empty() {
         return passed_through(source, Some(model), Status::SmallEnough, &clock);
     }
     check_extent(&model)?;
-    let (levels, reports) = make_levels(source, &model, &budgets, settings, context, &clock)?;
+    let Made { levels, reports, unmet } = make_levels(source, &model, &targets, settings, context, &clock)?;
     context.report(StageId::Export, None, 0.97);
     let options = ExportOptions { source: settings.source, version: PIPELINE_VERSION.to_owned() };
     let glb = clock.time(StageId::Export, || gltf::export(&model, &levels, &options))?;
@@ -178,7 +180,7 @@ pub fn bake(source: &Source<'_>, settings: &BakeSettings, context: &Context<'_>)
         status: Status::Baked,
         source_faces: faces as u64,
         levels: reports,
-        notes: model.notes.clone(),
+        notes: model.notes.iter().cloned().chain(unmet).collect(),
         seconds: clock.seconds(),
     };
     Ok(Baked { glb, levels, model: Some(model), report })
@@ -217,14 +219,21 @@ fn passed_through(source: &Source<'_>, model: Option<Model>, status: Status, clo
     })
 }
 
+/// Levels, what is said of them, and of targets that none meets.
+struct Made {
+    levels: Vec<Level>,
+    reports: Vec<LevelReport>,
+    unmet: Vec<String>,
+}
+
 fn make_levels(
     source: &Source<'_>,
     model: &Model,
-    budgets: &[u32],
+    targets: &Targets,
     settings: &BakeSettings,
     context: &Context<'_>,
     clock: &Clock,
-) -> Result<(Vec<Level>, Vec<LevelReport>), Error> {
+) -> Result<Made, Error> {
     context.report(StageId::Shape, None, 0.05);
     let surface = &model.surface;
     let frame = Frame::around(&surface.positions);
@@ -244,19 +253,20 @@ fn make_levels(
     context.check(&model.name)?;
     context.report(StageId::Shape, None, 0.15);
     let inputs = shape::Inputs { model, solid: &solid, frame, views: &views };
-    let params = shape_params(settings, budgets);
+    let budgets = targets.budgets();
+    let params = shape_params(settings, &budgets);
     let shapes = clock.time(StageId::Shape, || shape::shape(&inputs, &params, context))?;
     let deviations: Vec<Deviation> = shapes.par_iter().map(|s| shape::deviation(&inputs, &s.mesh)).collect();
     context.report(StageId::Unwrap, None, 0.4);
     let shared = Shared { model, sampler, bvh, frame, views, seed, settings, context, clock };
-    let made: Result<Vec<_>, Error> = shapes
+    let (chosen, unmet) = targets.choose(&budgets, &deviations);
+    let made: Result<Vec<_>, Error> = chosen
         .par_iter()
-        .zip(&deviations)
-        .zip(budgets)
         .enumerate()
-        .map(|(i, ((shape, deviation), &budget))| make_level(&shared, i as u32 + 1, budget, shape, deviation))
+        .map(|(i, &c)| make_level(&shared, i as u32 + 1, budgets[c], &shapes[c], &deviations[c]))
         .collect();
-    Ok(made?.into_iter().unzip())
+    let (levels, reports) = made?.into_iter().unzip();
+    Ok(Made { levels, reports, unmet })
 }
 
 fn shape_params(settings: &BakeSettings, budgets: &[u32]) -> shape::Params {
@@ -270,6 +280,8 @@ fn shape_params(settings: &BakeSettings, budgets: &[u32]) -> shape::Params {
     };
     shape::Params {
         budgets: budgets.to_vec(),
+        finer: (settings.resolution == Resolution::Auto && !reconstructions.is_empty())
+            .then(|| reconstruct::Params::new(384)),
         reconstructions,
         // The source's own triangles need not be closed.
         source: settings.candidates != Candidates::Reconstruction && !settings.watertight,
@@ -280,8 +292,6 @@ fn shape_params(settings: &BakeSettings, budgets: &[u32]) -> shape::Params {
     }
 }
 
-        finer: (settings.resolution == Resolution::Auto && !reconstructions.is_empty())
-            .then(|| reconstruct::Params::new(384)),
 #[cfg(test)]
 mod tests {
     use bytes::Bytes;

@@ -27,6 +27,7 @@ pub mod rig;
 pub mod settings;
 pub mod shape;
 mod source;
+mod targets;
 pub mod texture;
 pub mod unwrap;
 

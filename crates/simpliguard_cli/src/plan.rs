@@ -52,7 +52,10 @@ impl Job {
     /// Every file the job may write.
     fn outputs(&self, args: &BakeArgs) -> Vec<PathBuf> {
         let mut outputs = vec![self.combined_path()];
-        if let (true, Ok(settings)) = (args.split_levels, &self.settings) {
+        // Other targets have budgets only once the model is read.
+        if let (true, Ok(settings)) = (args.split_levels, &self.settings)
+            && settings.targets.is_empty()
+        {
             outputs.extend(settings.faces.iter().map(|&budget| self.level_path(budget)));
         }
         if args.sheet {

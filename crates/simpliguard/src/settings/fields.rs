@@ -6,6 +6,7 @@ use serde::de::{DeserializeSeed, Deserializer, Error as _, MapAccess, Visitor};
 use serde::{Deserialize, Serialize};
 
 use super::resolve::{Layer, Origin, Resolved};
+use super::target::Target;
 use super::text::did_you_mean;
 use super::value::{Limit, Resolution, Value, choice};
 use crate::{Error, StageId};
@@ -251,6 +252,9 @@ settings! {
     enabled: bool = always(true), Limit::None, [Import];
     /// Most triangles of each level. The smallest becomes LOD1.
     faces: Vec<u32> = always(vec![1000, 2000, 4000]), Limit::Between(4.0, 1e6), [Shape];
+    /// What each level must meet, in place of `faces`: a number or a part of the triangles, or a deviation, as a fraction of
+    /// the bounding box's diagonal or as a pixel where that diagonal is so many pixels long.
+    targets: Vec<Target> = always(Vec::new()), Limit::None, [Shape];
     /// How much time is spent. Fields that nobody sets take their value from it.
     quality: Quality = always(Quality::Standard), Limit::None, [];
     /// What happens to a file that already has levels of detail.

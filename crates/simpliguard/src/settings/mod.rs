@@ -14,6 +14,7 @@ mod fields;
 mod meta;
 mod project;
 mod resolve;
+mod target;
 mod text;
 mod value;
 
@@ -23,5 +24,6 @@ pub use fields::{
 pub use meta::parse_meta;
 pub use project::{ProjectFile, ProjectSettings, Rule};
 pub use resolve::{Effective, Layer, Origin, Resolved, resolve};
+pub use target::Target;
 pub use text::parse_overrides;
 pub use value::Resolution;

@@ -2,8 +2,8 @@
 
 use serde::{Deserialize, Serialize};
 
-/// The longest list of budgets.
-const MAX_BUDGETS: usize = 8;
+/// The longest list of levels.
+pub(super) const MAX_LEVELS: usize = 8;
 
 /// The range of a field, ends included. Numbers inside lists and variants are meant.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -26,7 +26,7 @@ impl Limit {
     }
 
     /// "from 1 to 16", after "a whole number" and the like.
-    fn words(self) -> String {
+    pub(super) fn words(self) -> String {
         match self {
             Self::None => String::new(),
             Self::Between(low, high) => format!(" from {low} to {high}"),
@@ -118,7 +118,7 @@ impl Value for f32 {
 
 impl Value for Vec<u32> {
     fn accepts(limit: Limit) -> String {
-        format!("1 to {MAX_BUDGETS} whole numbers, each{}", limit.words())
+        format!("1 to {MAX_LEVELS} whole numbers, each{}", limit.words())
     }
 
     fn from_arg(text: &str) -> Result<Self, String> {
@@ -133,7 +133,7 @@ impl Value for Vec<u32> {
     }
 
     fn check(&self, limit: Limit) -> Result<(), String> {
-        let allowed = (1..=MAX_BUDGETS).contains(&self.len()) && self.iter().all(|n| limit.allows_whole(*n));
+        let allowed = (1..=MAX_LEVELS).contains(&self.len()) && self.iter().all(|n| limit.allows_whole(*n));
         if allowed { Ok(()) } else { Err(Self::accepts(limit)) }
     }
 
