@@ -25,7 +25,7 @@ const NONE: u32 = u32::MAX;
 /// Least cosine between a face's normal before and after a collapse.
 const MAX_TURN: f64 = 0.2;
 /// Multiple of the target above which edges need not collapse in exact order.
-const COARSE_ABOVE: usize = 2;
+const COARSE_ABOVE: usize = 4;
 /// Weight of the planes that hold the boundary, against those of the faces beside it.
 const BOUNDARY_WEIGHT: f64 = 3.0;
 

@@ -10,8 +10,8 @@
 pub(super) enum Precision {
     /// Within half a percent.
     Fine = 15,
-    /// Within a factor of about 1.4.
-    Coarse = 22,
+    /// Within an eighth.
+    Coarse = 20,
 }
 
 /// Entries by cost.
@@ -85,6 +85,6 @@ mod tests {
     #[test]
     fn costs_are_told_apart_to_the_precision() {
         assert_eq!(order(Precision::Fine, &[1.005, 1.0, 1.0]), [2, 1, 0]);
-        assert_eq!(order(Precision::Coarse, &[1.5, 1.0, 1.2]), [2, 1, 0]);
+        assert_eq!(order(Precision::Coarse, &[1.125, 1.0, 1.1]), [2, 1, 0]);
     }
 }
