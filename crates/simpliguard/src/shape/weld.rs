@@ -130,6 +130,7 @@ fn cut_once(mesh: &TriMesh, joins: &dyn Fn((u32, u32)) -> bool) -> TriMesh {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use proptest::prelude::*;
 
     #[test]
     fn coincident_corners_are_joined() {
@@ -179,5 +180,28 @@ mod tests {
         let positions = [Vec3::ZERO, Vec3::X, Vec3::Y, Vec3::new(1.0, 1.0, 0.0)];
         let (mesh, _) = weld(&positions, &[[0, 1, 2], [1, 2, 3]]);
         assert_eq!(Topology::of(&mesh).edges.boundary, 6);
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(128))]
+        /// Few places for many corners: fins, copies, flipped copies, fans that touch, faces without area.
+        #[test]
+        fn any_soup_is_cut_into_a_manifold_that_stays_one(
+            places in prop::collection::vec((-2i8..3, -2i8..3, -2i8..3), 4..12),
+            corners in prop::collection::vec(0usize..144, 3..120),
+            scale in prop::sample::select(vec![1e-5f32, 1.0, 1e6]),
+        ) {
+            let positions: Vec<Vec3> =
+                places.iter().map(|&(x, y, z)| Vec3::new(x.into(), y.into(), z.into()) * scale).collect();
+            let index = |c: usize| (c % positions.len()) as u32;
+            let triangles: Vec<[u32; 3]> =
+                corners.chunks_exact(3).map(|c| [index(c[0]), index(c[1]), index(c[2])]).collect();
+            let (mesh, source) = weld(&positions, &triangles);
+            prop_assert!(Topology::of(&mesh).is_manifold(), "{:?}", Topology::of(&mesh));
+            prop_assert_eq!(mesh.triangles.len(), source.len());
+            let target = mesh.triangles.len() / 2;
+            let out = crate::shape::collapse(&mesh, target.max(4));
+            prop_assert!(Topology::of(&out).is_manifold(), "{:?}", Topology::of(&out));
+        }
     }
 }
