@@ -6,6 +6,7 @@
 use glam::DVec3;
 
 /// Triangles' boxes.
+#[derive(Clone)]
 pub(crate) struct FaceTree {
     /// Lower and upper corners; the leaves are the second half, the root is node 1.
     boxes: Vec<Box3>,

@@ -237,7 +237,8 @@ fn walk_all(
     context.check(&inputs.model.name)?;
     let judges: Vec<&View> = inputs.views.iter().step_by(3).collect();
     for shapes in walked {
-        for ((contest, mut shape), &budget) in contests.iter_mut().zip(shapes).zip(&params.budgets) {
+        for (i, mut shape) in shapes.into_iter().enumerate() {
+            let (contest, budget) = (i % contests.len(), params.budgets[i % contests.len()]);
             let faces = shape.mesh.triangles.len();
             if faces == 0 || faces > budget as usize {
                 continue;
@@ -246,13 +247,13 @@ fn walk_all(
             shape.self_intersecting = tangled_faces(&shape.mesh);
             let Shape { road, render_error: error, self_intersecting: tangled, .. } = &shape;
             tracing::debug!(%road, budget, faces, error, tangled, "candidate");
-            contest.enter(shape);
+            contests[contest].enter(shape);
         }
     }
     Ok(())
 }
 
-/// One shape per budget along a road; empty if cancelled.
+/// Shapes for each budget along a road, in their order, once or more; empty if cancelled.
 fn walk(inputs: &Inputs<'_>, params: &Params, road: Road, context: &Context<'_>) -> Vec<Shape> {
     let Dense { mesh, pixels, double_sided } = dense(inputs, params, road);
     if context.cancellation.is_cancelled() {
@@ -262,7 +263,7 @@ fn walk(inputs: &Inputs<'_>, params: &Params, road: Road, context: &Context<'_>)
     if context.cancellation.is_cancelled() { Vec::new() } else { shapes }
 }
 
-/// Collapses a mesh to each budget.
+/// Collapses a mesh to each budget; some roads offer several shapes, the second for each behind the first for all.
 fn collapse_dense(
     inputs: &Inputs<'_>,
     params: &Params,
@@ -282,10 +283,29 @@ fn collapse_dense(
         simplifier.remove_faces(&visibility::enclosed(&simplifier.mesh(), &unit_frame, double_sided));
     }
     // Parts of a source may pass through each other: collapses cannot mend that, and would be stuck on it.
+    let down = |simplifier: &mut Simplifier| down_to_budgets(simplifier, inputs, params, road, double_sided);
     let dense = simplifier.mesh();
-    if !is_tangled(&dense, tangled_faces(&dense)) {
-        simplifier.watch_intersections();
+    if is_tangled(&dense, tangled_faces(&dense)) {
+        return down(&mut simplifier);
     }
+    let mut unwatched = simplifier.clone();
+    simplifier.watch_intersections();
+    let mut shapes = down(&mut simplifier);
+    if simplifier.is_stuck() {
+        // Two sides of a thin sheet may fare better where each goes its own way.
+        shapes.extend(down(&mut unwatched));
+    }
+    shapes
+}
+
+/// One shape per budget, in their order.
+fn down_to_budgets(
+    simplifier: &mut Simplifier,
+    inputs: &Inputs<'_>,
+    params: &Params,
+    road: Road,
+    double_sided: bool,
+) -> Vec<Shape> {
     let mut shapes = Vec::new();
     for &budget in params.budgets.iter().rev() {
         if params.remove_invisible {
@@ -293,7 +313,8 @@ fn collapse_dense(
         }
         simplifier.run(budget as usize);
         let mesh = from_unit_sphere(simplifier.mesh(), &inputs.frame);
-        shapes.push(Shape { mesh, double_sided, road, render_error: f64::INFINITY, self_intersecting: 0, cards: None });
+        let render_error = f64::INFINITY;
+        shapes.push(Shape { mesh, double_sided, road, render_error, self_intersecting: 0, cards: None });
     }
     shapes.reverse();
     shapes

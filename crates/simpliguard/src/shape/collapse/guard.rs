@@ -11,6 +11,11 @@ impl Simplifier {
         self.tree = Some(FaceTree::new(self.faces.len(), self.live().map(|f| (f, self.corners(f)))));
     }
 
+    /// Whether that was too much to ask for a budget, and more pairs may pass through each other since.
+    pub(in crate::shape) fn is_stuck(&self) -> bool {
+        self.stuck
+    }
+
     pub(super) fn corners(&self, f: u32) -> [DVec3; 3] {
         self.faces[f as usize].vertices.map(|v| self.positions[v as usize])
     }

@@ -30,6 +30,7 @@ const COARSE_ABOVE: usize = 4;
 const BOUNDARY_WEIGHT: f64 = 3.0;
 
 /// A mesh on its way down to a budget.
+#[derive(Clone)]
 pub(super) struct Simplifier {
     positions: Vec<DVec3>,
     /// Quadrics of the distance to planes, and of the curvature, empty without a weight for it.
@@ -48,6 +49,8 @@ pub(super) struct Simplifier {
     queue: Queue<Entry>,
     /// Where the faces are, once self-intersections matter.
     tree: Option<FaceTree>,
+    /// A budget could only be met by faces that cross.
+    stuck: bool,
     /// Scratch for the link condition.
     marks: Vec<u32>,
     mark: u32,
@@ -99,6 +102,7 @@ impl Simplifier {
             stamps: vec![0; vertices],
             queue: Queue::new(Precision::Coarse),
             tree: None,
+            stuck: false,
             marks: vec![0; vertices],
             mark: 0,
             kept: Vec::new(),
@@ -123,6 +127,7 @@ impl Simplifier {
         self.fill_queue(Precision::Fine);
         self.collapse_to(target, strict);
         if self.live_faces > target && self.tree.is_some() {
+            self.stuck = true;
             self.fill_queue(Precision::Fine);
             self.collapse_to(target, Rules { max_turn: MAX_TURN, may_intersect: true });
         }

@@ -15,6 +15,7 @@ pub(super) enum Precision {
 }
 
 /// Entries by cost.
+#[derive(Clone)]
 pub(super) struct Queue<T> {
     /// Bits of a cost that are dropped.
     dropped: u32,

@@ -92,7 +92,7 @@ fn removing_faces_leaves_no_pinched_vertex() {
 /// Two rippled sheets, the upper a hair above the lower: collapsed on their own, their facets would cross.
 fn two_sheets() -> TriMesh {
     let ripple = |x: f32, y: f32| 0.05 * (libm::sinf(9.0 * x) + libm::cosf(7.0 * y));
-    let (mut mesh, upper) = (grid(16, ripple), grid(16, |x, y| ripple(x, y) + 0.004 + 0.01 * x * y));
+    let (mut mesh, upper) = (grid(16, ripple), grid(16, |x, y| ripple(x, y) + 0.002 + 0.008 * x * y));
     mesh.triangles.extend(upper.triangles.iter().map(|t| t.map(|v| v + mesh.positions.len() as u32)));
     mesh.positions.extend(upper.positions);
     mesh
@@ -106,9 +106,9 @@ fn close_sheets_do_not_grow_through_each_other_once_watched() {
         if watch {
             simplifier.watch_intersections();
         }
-        simplifier.run(200);
+        simplifier.run(300);
         let out = simplifier.mesh();
-        assert!(out.triangles.len() <= 200);
+        assert!(out.triangles.len() <= 300 && !simplifier.is_stuck());
         self_intersecting(&out).into_iter().filter(|face| *face).count()
     };
     assert_eq!(tangled(true), 0);
@@ -120,7 +120,7 @@ fn a_budget_is_met_where_every_collapse_would_cross() {
     let mesh = two_sheets();
     let mut simplifier = Simplifier::new(&mesh, &areas(&mesh), 0.0);
     simplifier.watch_intersections();
-    assert!(simplifier.run(6) <= 6);
+    assert!(simplifier.run(6) <= 6 && simplifier.is_stuck());
     assert!(Topology::of(&simplifier.mesh()).is_manifold());
 }
 
