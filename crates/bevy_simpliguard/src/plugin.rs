@@ -4,6 +4,8 @@ use std::path::PathBuf;
 
 use bevy::prelude::*;
 
+use crate::lod::{LodPlugin, LodSettings};
+
 /// When the levels of a model appear.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum BakeMode {
@@ -30,6 +32,8 @@ pub enum BakeMode {
 /// Without the feature `bake` nothing is baked, and everything but the switching is without effect.
 #[derive(Clone, Debug, Default)]
 pub struct SimpliguardPlugin {
+    /// How levels are chosen at first.
+    pub lods: LodSettings,
     /// Overrides `plugin.mode` of `config/simpliguard.ron`.
     pub mode: Option<BakeMode>,
     /// A profile of `config/simpliguard.ron`.
@@ -42,9 +46,9 @@ pub struct SimpliguardPlugin {
 
 impl Plugin for SimpliguardPlugin {
     fn build(&self, app: &mut App) {
+        app.add_plugins(LodPlugin { settings: self.lods.clone() });
         #[cfg(feature = "bake")]
         crate::bake::build(self, app);
-        let _ = app;
     }
 
     #[cfg(feature = "bake")]

@@ -53,6 +53,8 @@ struct Models(Vec<(String, Handle<Gltf>)>);
 fn game() {
     let Ok(options) = std::env::var(OPTIONS) else { return };
     let options: Options = ron::from_str(&options).expect("options");
+    // Ends the line that the test runner has begun.
+    println!();
     let mut app = App::new();
     app.add_plugins((
         SimpliguardPlugin {

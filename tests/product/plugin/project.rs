@@ -120,6 +120,18 @@ impl Game {
         self.past.iter().filter(|r| r["what"] == what).count()
     }
 
+    /// The fewest levels that any model was loaded with.
+    pub(super) fn fewest_levels(&self) -> u64 {
+        self.past.iter().filter_map(|r| r["levels"].as_u64()).min().expect("a model was loaded")
+    }
+
+    /// Ends a game that had nothing to bake and never showed a model without levels.
+    #[track_caller]
+    pub(super) fn quit_without_bakes(mut self) {
+        assert!(self.count("started") == 0 && self.fewest_levels() > 0, "{}", self.story());
+        self.quit();
+    }
+
     /// Ends the game as a player does; returns its last report.
     #[track_caller]
     pub(super) fn quit(mut self) -> Value {
