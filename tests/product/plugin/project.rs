@@ -115,6 +115,16 @@ impl Game {
         self.wait(&format!("{what} of {path}"), |r| r["what"] == what && r["path"] == path)
     }
 
+    /// As [`Self::wait_for`] for several models, in any order.
+    #[track_caller]
+    pub(super) fn wait_for_each(&mut self, what: &str, paths: &[&str]) {
+        let mut left: Vec<&str> = paths.to_vec();
+        while !left.is_empty() {
+            let report = self.wait(&format!("{what} of {left:?}"), |r| r["what"] == what);
+            left.retain(|path| report["path"] != *path);
+        }
+    }
+
     /// How many reports of a kind there were.
     pub(super) fn count(&self, what: &str) -> usize {
         self.past.iter().filter(|r| r["what"] == what).count()
