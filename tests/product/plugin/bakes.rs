@@ -133,7 +133,7 @@ fn a_game_killed_while_it_bakes_bakes_at_the_next_start() {
     project.save(
         "assets/ball.glb.meta",
         "(meta_format_version: \"1.0\", asset: Process(processor: \"SimpliguardProcess\", settings: (faces: [1000], \
-         candidates: All, views: 16)))",
+         candidates: Reconstruction, resolution: Cells(64))))",
     );
     let mut game = project.run();
     game.wait_for("started", "ball.glb");
