@@ -2,4 +2,5 @@
 
 mod assets;
 mod bake;
+mod bevy_cli;
 mod readme;
