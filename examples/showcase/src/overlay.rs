@@ -149,27 +149,24 @@ fn mode(mut text: Single<&mut Text, With<Mode>>, choice: Res<Choice>, settings: 
     text.set_if_neq(Text(line));
 }
 
-/// Shows the levels that there are, and how many exhibits show each.
+/// Shows the levels that there are, and how many exhibits in view show each.
 fn legend(
     mut entries: Query<(&LegendEntry, &mut Node, &Children)>,
     mut texts: Query<&mut Text>,
+    stats: Res<LodStats>,
     exhibits: Query<&SimpliguardLods, With<Exhibit>>,
 ) {
-    let mut shown = [0_u32; LEVELS + 1];
-    let mut highest = 0;
-    for lods in &exhibits {
-        shown[(lods.current as usize).min(LEVELS)] += 1;
-        highest = lods.levels.iter().map(|level| level.level).fold(highest, u32::max);
-    }
+    let highest = exhibits.iter().flat_map(|lods| &lods.levels).map(|level| level.level).max().unwrap_or(0);
     for (entry, mut node, children) in &mut entries {
         let display = if entry.0 <= highest { Display::Flex } else { Display::None };
         if node.display != display {
             node.display = display;
         }
         let name = if entry.0 == 0 { "source".into() } else { format!("LOD{}", entry.0) };
+        let shown = stats.levels.get(entry.0 as usize).map_or(0, |level| level.groups);
         for child in children {
             if let Ok(mut text) = texts.get_mut(*child) {
-                text.set_if_neq(Text(format!("{name} {}", shown[entry.0 as usize])));
+                text.set_if_neq(Text(format!("{name} {shown}")));
             }
         }
     }
