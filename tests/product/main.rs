@@ -2,4 +2,6 @@
 
 mod assets;
 mod bake;
+mod bevy_cli;
+mod plugin;
 mod readme;

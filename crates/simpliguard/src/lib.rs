@@ -33,7 +33,7 @@ pub mod unwrap;
 
 pub use bvh::{Bvh, Hit, barycentric, closest_point};
 pub use chain::{
-    Baked, LevelReport, LevelTopology, PIPELINE_VERSION, Report, STAGES, Stage, StageSeconds, Status, bake,
+    Baked, LevelReport, LevelTopology, OPT_LEVEL, PIPELINE_VERSION, Report, STAGES, Stage, StageSeconds, Status, bake,
 };
 pub use context::{Cancellation, Context, Progress, ProgressSink};
 pub use error::{Error, StageId};

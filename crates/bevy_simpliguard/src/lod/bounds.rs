@@ -1,0 +1,82 @@
+//! The bounding box of a model in scene space, from its most detailed level.
+//!
+//! The level and not the source, because its vertices are known in scene space: those of a static level are stored so,
+//! and those of a skinned one arrive there by skinning in the rest pose. The source's boxes are known per node only, and
+//! turned boxes add up to one too large; with `source: Drop` there are none.
+
+use bevy::math::{Mat4, Vec3};
+use gltf::Node;
+
+/// An axis-aligned box.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Bounds {
+    pub(super) min: Vec3,
+    pub(super) max: Vec3,
+}
+
+impl Bounds {
+    fn of(points: impl IntoIterator<Item = Vec3>) -> Option<Self> {
+        points.into_iter().map(|p| Self { min: p, max: p }).reduce(Self::union)
+    }
+
+    pub(super) fn union(self, other: Self) -> Self {
+        Self { min: self.min.min(other.min), max: self.max.max(other.max) }
+    }
+
+    pub(super) fn center(&self) -> Vec3 {
+        0.5 * (self.min + self.max)
+    }
+
+    /// Half the diagonal.
+    pub(super) fn radius(&self) -> f32 {
+        0.5 * self.min.distance(self.max)
+    }
+}
+
+/// The box of a primitive in its own space.
+pub(super) fn own(primitive: &gltf::Primitive<'_>) -> Bounds {
+    let bounds = primitive.bounding_box();
+    Bounds { min: bounds.min.into(), max: bounds.max.into() }
+}
+
+/// The box of a primitive that `node` shows with its skin, in scene space in the rest pose. `None` if the primitive or the
+/// skin lacks what skinning takes.
+pub(super) fn skinned(
+    document: &gltf::Document,
+    node: &Node<'_>,
+    primitive: &gltf::Primitive<'_>,
+    buffers: &[Vec<u8>],
+) -> Option<Bounds> {
+    let bytes = |buffer: gltf::Buffer<'_>| buffers.get(buffer.index()).map(Vec::as_slice);
+    let skin = node.skin()?;
+    let rest = rest_pose(document);
+    let mut joints: Vec<Mat4> = skin.joints().map(|joint| rest[joint.index()]).collect();
+    if let Some(inverse_binds) = skin.reader(bytes).read_inverse_bind_matrices() {
+        joints.iter_mut().zip(inverse_binds).for_each(|(joint, inverse)| *joint *= Mat4::from_cols_array_2d(&inverse));
+    }
+    let reader = primitive.reader(bytes);
+    let influences = reader.read_joints(0)?.into_u16().zip(reader.read_weights(0)?.into_f32());
+    let points = reader.read_positions()?.zip(influences).map(|(position, (indices, weights))| {
+        let matrix = |index: u16| joints.get(usize::from(index)).copied().unwrap_or(Mat4::IDENTITY);
+        let position = Vec3::from(position);
+        indices.iter().zip(weights).map(|(&index, weight)| weight * matrix(index).transform_point3(position)).sum()
+    });
+    Bounds::of(points)
+}
+
+/// From each node's space to the scene's, with all nodes where the file puts them.
+fn rest_pose(document: &gltf::Document) -> Vec<Mat4> {
+    let local: Vec<Mat4> = document.nodes().map(|n| Mat4::from_cols_array_2d(&n.transform().matrix())).collect();
+    let mut parent = vec![None; local.len()];
+    for node in document.nodes() {
+        for child in node.children() {
+            parent[child.index()] = Some(node.index());
+        }
+    }
+    let world = |node: usize| {
+        // The loader refuses files with cycles after this; here they only must end.
+        let up = std::iter::successors(Some(node), |&n| parent[n]).take(local.len());
+        up.fold(Mat4::IDENTITY, |below, n| local[n] * below)
+    };
+    (0..local.len()).map(world).collect()
+}

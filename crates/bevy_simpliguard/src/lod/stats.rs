@@ -1,0 +1,75 @@
+//! How many triangles the levels save, for an overlay or a log.
+
+use bevy::prelude::*;
+
+use super::components::LodGroup;
+use super::switch::LodState;
+
+/// What the instances with levels draw, counted anew each frame at the end of `PostUpdate`.
+///
+/// A mesh counts if some camera or shadow sees it, once however many do. Models without levels do not count.
+#[derive(Resource, Reflect, Clone, Debug, Default, PartialEq, Eq)]
+#[reflect(Resource, Default, Clone, PartialEq)]
+pub struct LodStats {
+    /// Instances with levels.
+    pub groups: u32,
+    /// Those of them that something sees.
+    pub visible_groups: u32,
+    /// Triangles drawn.
+    pub triangles: u64,
+    /// Triangles that the sources of the visible instances have; where a file holds no source, its most detailed level.
+    pub source_triangles: u64,
+    /// What is drawn of each level; the place is its number, 0 for the source.
+    pub levels: Vec<LodLevelStats>,
+}
+
+/// What is drawn of the levels with one number.
+#[derive(Reflect, Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct LodLevelStats {
+    /// Instances that show it. One that is cross-fading counts for both its levels.
+    pub groups: u32,
+    /// Triangles drawn.
+    pub triangles: u64,
+}
+
+pub(super) fn count(
+    mut stats: ResMut<'_, LodStats>,
+    groups: Query<'_, '_, (&LodGroup, &LodState)>,
+    visibility: Query<'_, '_, &ViewVisibility>,
+) {
+    let mut levels = std::mem::take(&mut stats.bypass_change_detection().levels);
+    levels.fill(LodLevelStats::default());
+    let mut sum = LodStats { levels, ..default() };
+    let is_seen = |entity| visibility.get(entity).is_ok_and(|v| v.get());
+    for (group, state) in &groups {
+        sum.groups += 1;
+        let Some(choice) = state.choice() else { continue };
+        let mut is_visible = false;
+        for slot in [Some(choice.slot), choice.next.map(|(slot, _)| slot)].into_iter().flatten() {
+            let Some(level) = group.levels.get(slot) else { continue };
+            let seen = level.primitives.iter().filter(|p| is_seen(p.entity));
+            let (parts, triangles) = seen.fold((0, 0), |(n, sum), p| (n + 1, sum + u64::from(p.faces)));
+            if parts > 0 {
+                is_visible = true;
+                sum.add(level.level, triangles);
+            }
+        }
+        if is_visible {
+            sum.visible_groups += 1;
+            sum.source_triangles += group.levels.first().map_or(0, |level| u64::from(level.faces));
+        }
+    }
+    *stats = sum;
+}
+
+impl LodStats {
+    fn add(&mut self, level: u32, triangles: u64) {
+        let level = level as usize;
+        if self.levels.len() <= level {
+            self.levels.resize(level + 1, LodLevelStats::default());
+        }
+        self.levels[level].groups += 1;
+        self.levels[level].triangles += triangles;
+        self.triangles += triangles;
+    }
+}

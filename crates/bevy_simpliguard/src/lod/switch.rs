@@ -1,0 +1,186 @@
+//! The systems that choose a level for each group and show it.
+
+use bevy::camera::visibility::VisibilityRange;
+use bevy::prelude::*;
+use bevy::world_serialization::WorldAssetRoot;
+
+use super::components::{LodGroup, LodLevel, LodMember, LodSettings, SimpliguardLods};
+use super::distance::{Choice, Rung, View, choose, rungs};
+use super::fade::Show;
+
+/// What the systems remember of a group.
+#[derive(Component)]
+pub(super) struct LodState {
+    /// The entity with [`SimpliguardLods`].
+    root: Entity,
+    rungs: Vec<Rung>,
+    /// What is shown; `None` before the first choice.
+    choice: Option<Choice>,
+    /// Something hides a part of the source, so that no level can stand for it.
+    is_source_cut: bool,
+    /// Whether that has to be looked at again.
+    is_source_changed: bool,
+}
+
+impl LodState {
+    pub(super) fn choice(&self) -> Option<Choice> {
+        self.choice
+    }
+}
+
+/// Gives each group of a scene that was just spawned its state, and its root [`SimpliguardLods`].
+pub(super) fn attach(
+    mut commands: Commands<'_, '_>,
+    groups: Query<'_, '_, (Entity, Option<&ChildOf>), Added<LodGroup>>,
+    roots: Query<'_, '_, (), With<WorldAssetRoot>>,
+) {
+    for (group, parent) in &groups {
+        let root = parent.map(ChildOf::parent).filter(|&parent| roots.contains(parent)).unwrap_or(group);
+        commands.entity(root).insert_if_new(SimpliguardLods::default());
+        commands.entity(group).insert(LodState {
+            root,
+            rungs: Vec::new(),
+            choice: None,
+            is_source_cut: false,
+            is_source_changed: true,
+        });
+    }
+}
+
+/// Empties what [`SimpliguardLods`] says of a group that goes, as when its model is reloaded.
+pub(super) fn detach(
+    event: On<'_, '_, Remove, LodGroup>,
+    states: Query<'_, '_, &LodState>,
+    mut lods: Query<'_, '_, &mut SimpliguardLods>,
+) {
+    let root = states.get(event.entity).map(|state| state.root);
+    if let Ok(mut lods) = root.and_then(|root| lods.get_mut(root)) {
+        lods.levels.clear();
+        lods.current = 0;
+    }
+}
+
+/// Notes which groups have parts of their source that were hidden or shown.
+pub(super) fn note_hidden_parts(
+    members: Query<'_, '_, &LodMember, Changed<InheritedVisibility>>,
+    mut groups: Query<'_, '_, &mut LodState>,
+) {
+    for member in members.iter().filter(|member| member.level == 0) {
+        if let Ok(mut state) = groups.get_mut(member.group) {
+            state.is_source_changed = true;
+        }
+    }
+}
+
+/// Chooses the level of each group and shows it.
+pub(super) fn switch_levels(
+    settings: Res<'_, LodSettings>,
+    cameras: Query<'_, '_, (&Camera, &GlobalTransform), With<Camera3d>>,
+    mut groups: Query<'_, '_, (&LodGroup, &mut LodState, &GlobalTransform, Option<Ref<'_, InheritedVisibility>>)>,
+    mut lods: Query<'_, '_, &mut SimpliguardLods>,
+    visibility: Query<'_, '_, &InheritedVisibility>,
+    mut ranges: Query<'_, '_, &mut VisibilityRange>,
+    mut views: Local<'_, Vec<View>>,
+) {
+    views.clear();
+    views.extend(cameras.iter().filter_map(view));
+    let fade = settings.fade.clamp(0.0, 1.0);
+    for (group, mut state, transform, shown) in &mut groups {
+        let mut lods = lods.get_mut(state.root).ok();
+        let is_shown = shown.as_ref().is_none_or(|v| v.get());
+        if state.is_source_changed || shown.is_some_and(|v| v.is_changed()) {
+            state.is_source_changed = false;
+            state.is_source_cut = is_shown && is_cut(&group.levels, &visibility);
+        }
+        let is_fresh = state.choice.is_none() || settings.is_changed();
+        if is_fresh {
+            state.rungs = rungs(group.levels.iter().map(|level| level.error), fade);
+        }
+        let choice = wanted(group, &state, transform, &settings, lods.as_deref(), &views);
+        if is_fresh || state.choice != Some(choice) {
+            state.choice = Some(choice);
+            show(&group.levels, choice, fade > 0.0, &mut ranges);
+        }
+        if let Some(lods) = &mut lods {
+            report(group, choice, lods);
+        }
+    }
+}
+
+/// An active camera with something to draw on.
+fn view((camera, transform): (&Camera, &GlobalTransform)) -> Option<View> {
+    let height = camera.physical_viewport_size().filter(|_| camera.is_active)?.y;
+    Some(View::new(transform.translation(), camera.clip_from_view(), height as f32))
+}
+
+/// Whether a part of the source is hidden. Asked only while the group as a whole is not.
+fn is_cut(levels: &[LodLevel], visibility: &Query<'_, '_, &InheritedVisibility>) -> bool {
+    let source = levels.first().filter(|level| level.level == 0);
+    let mut parts = source.into_iter().flat_map(|level| &level.primitives);
+    parts.any(|part| visibility.get(part.entity).is_ok_and(|v| !v.get()))
+}
+
+fn wanted(
+    group: &LodGroup,
+    state: &LodState,
+    transform: &GlobalTransform,
+    settings: &LodSettings,
+    lods: Option<&SimpliguardLods>,
+    views: &[View],
+) -> Choice {
+    let (force, bias, enabled) = lods.map_or((None, 1.0, true), |l| (l.force, l.bias, l.enabled));
+    if !settings.enabled || !enabled || state.is_source_cut {
+        return Choice::only(0);
+    }
+    if let Some(number) = force {
+        return Choice::only(forced(&group.levels, number));
+    }
+    let current = state.choice.unwrap_or(Choice::only(0));
+    if views.is_empty() {
+        return current;
+    }
+    let affine = transform.affine();
+    let axes = [affine.matrix3.x_axis, affine.matrix3.y_axis, affine.matrix3.z_axis];
+    let radius = group.radius * axes.map(|axis| axis.length_squared()).into_iter().fold(0.0, f32::max).sqrt();
+    let center = affine.transform_point3(group.center);
+    let pixels = views.iter().map(|view| view.pixels_per_unit(center, radius)).fold(0.0, f32::max);
+    // A bias on distances is one on sizes: the object counts as so much closer.
+    let size = (2.0 * radius * pixels * (settings.bias * bias).max(0.0)).min(f32::MAX);
+    choose(&state.rungs, size, settings.pixel_error, settings.fade.clamp(0.0, 1.0), current.main())
+}
+
+/// Place of the level with this number, or of the next more detailed one.
+fn forced(levels: &[LodLevel], number: u32) -> usize {
+    let is_enough = |level: &LodLevel| number > 0 && level.level >= number;
+    levels.iter().rposition(is_enough).unwrap_or(0)
+}
+
+/// Shows what was chosen, and nothing else of the group.
+fn show(levels: &[LodLevel], choice: Choice, can_fade: bool, ranges: &mut Query<'_, '_, &mut VisibilityRange>) {
+    let whole = if can_fade { Show::Whole } else { Show::Solid };
+    for (slot, level) in levels.iter().enumerate() {
+        let show = match choice.next {
+            None if slot == choice.slot => whole,
+            Some((_, step)) if slot == choice.slot => Show::FadeOut(step),
+            Some((next, step)) if slot == next => Show::FadeIn(step),
+            _ => Show::Nothing,
+        };
+        let range = show.range();
+        for primitive in &level.primitives {
+            if let Ok(mut old) = ranges.get_mut(primitive.entity) {
+                old.set_if_neq(range.clone());
+            }
+        }
+    }
+}
+
+/// Writes what a game reads, where it differs.
+fn report(group: &LodGroup, choice: Choice, lods: &mut Mut<'_, SimpliguardLods>) {
+    if lods.levels.is_empty() {
+        lods.levels.clone_from(&group.levels);
+    }
+    let current = group.levels.get(choice.main()).map_or(0, |level| level.level);
+    if lods.current != current {
+        lods.current = current;
+    }
+}

@@ -1,0 +1,191 @@
+//! The models, and where each is shown: in a row of the gallery, one plinth per level, and in an avenue where the distance
+//! chooses the level.
+
+use std::fs;
+use std::path::Path;
+
+use bevy::camera::visibility::Visibility;
+use bevy::gltf::{Gltf, GltfAssetLabel};
+use bevy::prelude::*;
+use bevy_simpliguard::SimpliguardLods;
+
+use crate::controls::Choice;
+use crate::layout::{self, AVENUE};
+
+/// One file of the asset folder.
+pub(crate) struct Model {
+    /// The file's name without its extension.
+    pub(crate) name: String,
+    pub(crate) gltf: Handle<Gltf>,
+    scene: Handle<WorldAsset>,
+    /// What it can be shown as, the most detailed first; empty before its levels are baked.
+    pub(crate) levels: Vec<Level>,
+}
+
+/// A level of detail of a model, or the model itself.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Level {
+    /// 0 is the source, `k` is LOD k.
+    pub(crate) number: u32,
+    pub(crate) triangles: u32,
+}
+
+/// The models of the asset folder, in the order of their names.
+#[derive(Resource)]
+pub(crate) struct Collection {
+    pub(crate) models: Vec<Model>,
+}
+
+/// A model's instance: the index of its [`Model`].
+#[derive(Component, Clone, Copy)]
+pub(crate) struct Exhibit(pub(crate) usize);
+
+/// The level that a gallery's exhibit shows unless the visitor forces another.
+#[derive(Component, Clone, Copy)]
+pub(crate) struct Pinned(pub(crate) u32);
+
+/// The plinth that an exhibit, its child, stands on.
+#[derive(Component)]
+pub(crate) struct Plinth;
+
+/// Meshes and materials that all plinths share.
+#[derive(Resource)]
+struct PlinthLook {
+    mesh: Handle<Mesh>,
+    material: Handle<StandardMaterial>,
+}
+
+pub(crate) fn plugin(app: &mut App) {
+    app.add_systems(PreStartup, find_models);
+    app.add_systems(Startup, (place_sources, place_avenues));
+    app.add_systems(Update, (note_levels, complete_rows, force_levels).chain());
+}
+
+fn find_models(
+    mut commands: Commands,
+    server: Res<AssetServer>,
+    mut meshes: ResMut<Assets<Mesh>>,
+    mut materials: ResMut<Assets<StandardMaterial>>,
+) {
+    let models = model_files(Path::new("assets")).into_iter().map(|file| Model {
+        name: file.rsplit_once('.').map_or(file.as_str(), |(stem, _)| stem).to_owned(),
+        gltf: server.load(file.clone()),
+        scene: server.load(GltfAssetLabel::Scene(0).from_asset(file)),
+        levels: Vec::new(),
+    });
+    commands.insert_resource(Collection { models: models.collect() });
+    commands.insert_resource(PlinthLook {
+        mesh: meshes.add(Cylinder::new(layout::PLINTH_RADIUS, layout::PLINTH_HEIGHT).mesh().resolution(48)),
+        material: materials.add(StandardMaterial {
+            base_color: Color::srgb(0.86, 0.86, 0.85),
+            perceptual_roughness: 0.8,
+            ..default()
+        }),
+    });
+}
+
+/// The names of the models directly in `folder`.
+fn model_files(folder: &Path) -> Vec<String> {
+    let entries = fs::read_dir(folder).into_iter().flatten().flatten();
+    let mut files: Vec<String> = entries
+        .filter_map(|entry| entry.file_name().into_string().ok())
+        .filter(|name| name.ends_with(".glb") || name.ends_with(".gltf"))
+        .collect();
+    files.sort();
+    files
+}
+
+fn place_sources(mut commands: Commands, collection: Res<Collection>, look: Res<PlinthLook>) {
+    for (index, model) in collection.models.iter().enumerate() {
+        place(&mut commands, &look, layout::slot(index, 0, 1), (model.exhibit(index), Pinned(0)));
+    }
+}
+
+fn place_avenues(mut commands: Commands, collection: Res<Collection>, look: Res<PlinthLook>) {
+    for (index, model) in collection.models.iter().enumerate() {
+        for position in 0..AVENUE {
+            place(&mut commands, &look, layout::avenue(index, position), model.exhibit(index));
+        }
+    }
+}
+
+/// Puts a plinth with an exhibit on it at `position`, on the floor.
+fn place(commands: &mut Commands, look: &PlinthLook, position: Vec3, exhibit: impl Bundle) {
+    commands.spawn((
+        Plinth,
+        Mesh3d(look.mesh.clone()),
+        MeshMaterial3d(look.material.clone()),
+        Transform::from_translation(position + Vec3::Y * (layout::PLINTH_HEIGHT / 2.0)),
+        children![exhibit],
+    ));
+}
+
+impl Model {
+    /// An instance; hidden until its size is known.
+    fn exhibit(&self, index: usize) -> impl Bundle + use<> {
+        (Exhibit(index), WorldAssetRoot(self.scene.clone()), SimpliguardLods::default(), Visibility::Hidden)
+    }
+}
+
+/// Takes over the levels that the gallery's instances of the source have.
+fn note_levels(
+    mut collection: ResMut<Collection>,
+    sources: Query<(&Exhibit, &Pinned, &SimpliguardLods), Changed<SimpliguardLods>>,
+) {
+    for (exhibit, _, lods) in sources.iter().filter(|(_, pinned, _)| pinned.0 == 0) {
+        let levels: Vec<Level> =
+            lods.levels.iter().map(|level| Level { number: level.level, triangles: level.faces }).collect();
+        if collection.models[exhibit.0].levels != levels {
+            collection.models[exhibit.0].levels = levels;
+        }
+    }
+}
+
+/// Gives every level of every model a plinth in the model's row, and takes away those of levels that are gone.
+fn complete_rows(
+    mut commands: Commands,
+    collection: Res<Collection>,
+    look: Res<PlinthLook>,
+    pinned: Query<(&Exhibit, &Pinned, &ChildOf)>,
+    mut plinths: Query<&mut Transform, With<Plinth>>,
+) {
+    if !collection.is_changed() {
+        return;
+    }
+    for (index, model) in collection.models.iter().enumerate() {
+        let row = model.row();
+        for (_, level, plinth) in pinned.iter().filter(|(exhibit, ..)| exhibit.0 == index) {
+            let Some(column) = row.iter().position(|number| *number == level.0) else {
+                commands.entity(plinth.parent()).despawn();
+                continue;
+            };
+            if let Ok(mut transform) = plinths.get_mut(plinth.parent()) {
+                let place = layout::slot(index, column, row.len());
+                transform.translation = place + Vec3::Y * (layout::PLINTH_HEIGHT / 2.0);
+            }
+        }
+        for (column, number) in row.iter().enumerate() {
+            if !pinned.iter().any(|(exhibit, level, _)| exhibit.0 == index && level.0 == *number) {
+                let position = layout::slot(index, column, row.len());
+                place(&mut commands, &look, position, (model.exhibit(index), Pinned(*number)));
+            }
+        }
+    }
+}
+
+impl Model {
+    /// The levels of the model's row, the most detailed first: the source and its stand-ins.
+    fn row(&self) -> Vec<u32> {
+        std::iter::once(0).chain(self.levels.iter().map(|level| level.number).filter(|number| *number != 0)).collect()
+    }
+}
+
+/// Hands the visitor's choice, else the gallery's own level, to the plugin.
+fn force_levels(choice: Res<Choice>, mut exhibits: Query<(&mut SimpliguardLods, Option<&Pinned>)>) {
+    for (mut lods, pinned) in &mut exhibits {
+        let force = choice.forced.or(pinned.map(|pinned| pinned.0));
+        if lods.force != force {
+            lods.force = force;
+        }
+    }
+}
