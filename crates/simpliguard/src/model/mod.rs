@@ -118,6 +118,19 @@ pub struct Rig {
     pub bones: Vec<Bone>,
     /// The source's only skin, if `bones` are exactly its joints in order: levels then reuse it unchanged.
     pub source_skin: Option<usize>,
+    /// Frames of the source's clips, a few of each.
+    pub poses: Vec<Pose>,
+}
+
+/// The bones in one frame of a clip.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Pose {
+    /// Index in the glTF's `animations`.
+    pub clip: usize,
+    /// Time of the frame in the clip.
+    pub seconds: f32,
+    /// From each bone's joint to the world.
+    pub world: Vec<Mat4>,
 }
 
 /// One bone.

@@ -65,14 +65,14 @@ fn target() -> Picture {
     let mut shifted = sphere(8);
     shifted.positions.iter_mut().for_each(|p| *p = *p * 1.06 + Vec3::new(0.03, -0.02, 0.0));
     let mut frame = Frame::new(SIZE);
-    frame.render(&shifted, &camera(), all());
+    frame.render(&shifted, &camera(), None, all());
     let pixels = frame.image.iter().map(|c| (*c * 255.0 + 0.5).to_array().map(|c| c as u8)).collect();
     Picture { size: SIZE, pixels }
 }
 
 fn loss(low: &LowPoly, target: &Picture, background: f32, lambda: f32) -> (f64, Frame, Loss) {
     let mut frame = Frame::new(SIZE);
-    frame.render(low, &camera(), all());
+    frame.render(low, &camera(), None, all());
     let mut loss = Loss::default();
     let value = loss.run(&frame, target, background, lambda);
     (value, frame, loss)
@@ -83,7 +83,7 @@ fn compare(background: f32, lambda: f32) -> (f64, f64) {
     let (mut low, target) = (sphere(4), target());
     let (_, frame, run) = loss(&low, &target, background, lambda);
     let mut gradients = Gradients::default();
-    gradients.run(&low, &camera().view_projection, &frame, &run.gradient);
+    gradients.run(&low, &camera().view_projection, None, &frame, &run.gradient);
     let mut order: Vec<usize> = (0..low.positions.len()).collect();
     let length = |v: &usize| gradients.positions[*v].length();
     order.sort_by(|a, b| length(b).total_cmp(&length(a)));
@@ -121,7 +121,7 @@ fn vertex_gradients_point_along_central_differences() {
 fn the_loss_of_a_picture_against_itself_is_its_rounding() {
     let low = sphere(8);
     let mut frame = Frame::new(SIZE);
-    frame.render(&low, &camera(), all());
+    frame.render(&low, &camera(), None, all());
     let pixels = frame.image.iter().map(|c| (*c * 255.0 + 0.5).to_array().map(|c| c as u8)).collect();
     let value = loss(&low, &Picture { size: SIZE, pixels }, 1.0, 0.5).0;
     assert!(value < 1e-4, "{value}");

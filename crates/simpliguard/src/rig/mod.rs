@@ -13,7 +13,9 @@
 
 mod inpaint;
 mod kd_tree;
+mod motion;
 mod nearest;
+mod poses;
 mod surface;
 mod weights;
 
@@ -22,6 +24,10 @@ use glam::Vec3;
 use crate::Bvh;
 use crate::mesh::TriMesh;
 use crate::model::{Influences, Model};
+
+pub use motion::Skinning;
+pub(crate) use motion::{bind_spaces, is_invertible, to_bind_space};
+pub use poses::Poses;
 
 /// How influences are found.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -143,7 +149,7 @@ mod tests {
             surface,
             materials: vec![Material::default()],
             textures: Vec::new(),
-            rig: Some(Rig { bones: Vec::new(), source_skin: None }),
+            rig: Some(Rig { bones: Vec::new(), source_skin: None, poses: Vec::new() }),
             document: Document::default(),
             notes: Vec::new(),
         }

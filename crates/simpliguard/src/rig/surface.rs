@@ -5,7 +5,7 @@ use rayon::prelude::*;
 
 use super::weights::Weights;
 use crate::Bvh;
-use crate::model::{Model, Surface};
+use crate::model::{Influences, Model, Surface};
 
 /// What a point must keep to count as a match.
 #[derive(Clone, Copy)]
@@ -36,10 +36,7 @@ pub(super) fn sample(model: &Model, bvh: &Bvh, positions: &[Vec3], normals: &[Ve
             };
             let triangle = hit.triangle as usize;
             let parts = parts_at(surface, triangle, hit.point);
-            let mut weights = Weights::default();
-            for (&vertex, &part) in surface.triangles[triangle].iter().zip(&parts) {
-                weights.add(&surface.influences[vertex as usize], part);
-            }
+            let weights = weights_at(surface, triangle, parts);
             let mut cosine = normal.dot(normal_at(surface, triangle, parts));
             if model.materials.get(surface.material[triangle] as usize).is_some_and(|m| m.double_sided) {
                 cosine = cosine.abs();
@@ -47,6 +44,25 @@ pub(super) fn sample(model: &Model, bvh: &Bvh, positions: &[Vec3], normals: &[Ve
             Sample { weights, is_match: hit.distance <= limits.distance && cosine >= limits.cosine }
         })
         .collect()
+}
+
+/// The closest point's influences for each position, whatever its distance.
+pub(super) fn closest_influences(surface: &Surface, bvh: &Bvh, positions: &[Vec3]) -> Vec<Influences> {
+    let closest = |&position: &Vec3| {
+        bvh.closest(position, f32::INFINITY).map_or(Influences::rigid(0), |hit| {
+            let triangle = hit.triangle as usize;
+            weights_at(surface, triangle, parts_at(surface, triangle, hit.point)).strongest()
+        })
+    };
+    positions.par_iter().with_min_len(1024).map(closest).collect()
+}
+
+fn weights_at(surface: &Surface, triangle: usize, parts: [f32; 3]) -> Weights {
+    let mut weights = Weights::default();
+    for (&vertex, &part) in surface.triangles[triangle].iter().zip(&parts) {
+        weights.add(&surface.influences[vertex as usize], part);
+    }
+    weights
 }
 
 /// Barycentric coordinates, none below zero.

@@ -22,14 +22,17 @@ use rayon::prelude::*;
 use crate::mesh::TriMesh;
 use crate::model::Model;
 use crate::reconstruct::{self, reconstruct};
-use crate::render::{Frame, View};
-use crate::{Context, Error, StageId};
+use crate::render::{Frame, Motions, View};
+use crate::rig::{self, Poses, Transfer};
+use crate::{Bvh, Context, Error, StageId};
 use collapse::Simplifier;
 
 pub use deviation::{Deviation, deviation};
 pub use foliage::{Cards, NO_CARD};
 pub use solid::Solid;
 
+/// Directions that a mesh in the rest pose is looked at from.
+const DIRECTIONS: usize = 72;
 /// Faces kept, as a multiple of the largest budget, when enclosed faces are looked for.
 const ENCLOSED_AT: usize = 4;
 /// Rings of unseen faces kept around seen ones.
@@ -99,12 +102,26 @@ pub struct Shape {
 pub struct Inputs<'a> {
     /// The source.
     pub model: &'a Model,
+    /// Over its triangles.
+    pub bvh: &'a Bvh,
     /// Its triangles that can be seen at all.
     pub solid: &'a Solid,
     /// Around the source.
     pub frame: Frame,
-    /// The source's pictures.
+    /// The source's pictures, in the rest pose and in `poses`.
     pub views: &'a [View],
+    /// The poses that its clips put it in.
+    pub poses: Option<&'a Poses<'a>>,
+}
+
+impl Inputs<'_> {
+    /// How a mesh in the rest pose moves with the source's bones.
+    fn motions(&self, mesh: &TriMesh) -> Motions {
+        self.poses.map_or_else(Motions::default, |poses| {
+            let method = Transfer::default();
+            poses.motions(&rig::transfer(self.model, self.bvh, mesh, &mesh.vertex_normals(), method).0)
+        })
+    }
 }
 
 /// Finds the best shape for each budget, in their order.
@@ -166,7 +183,8 @@ fn walk_all(
             if faces == 0 || faces > budget as usize {
                 continue;
             }
-            shape.render_error = candidates::render_error(&shape.mesh, shape.double_sided, &judges);
+            let motions = inputs.motions(&shape.mesh);
+            shape.render_error = candidates::render_error(&shape.mesh, &motions, shape.double_sided, &judges);
             tracing::debug!(%shape.road, budget, faces, error = shape.render_error, "candidate");
             if best.as_ref().is_none_or(|b| shape.render_error < b.render_error) {
                 *best = Some(shape);
@@ -202,8 +220,7 @@ fn collapse_dense(
     if params.remove_invisible {
         simplifier.drop_negligible_components(largest, NEGLIGIBLE_FACES);
         simplifier.run(ENCLOSED_AT * largest);
-        let unit_frame = Frame { centre: Vec3::ZERO, radius: 1.0 };
-        simplifier.remove_faces(&visibility::enclosed(&simplifier.mesh(), &unit_frame, double_sided));
+        simplifier.remove_faces(&enclosed(inputs, &simplifier.mesh(), double_sided));
     }
     let mut shapes = Vec::new();
     for &budget in params.budgets.iter().rev() {
@@ -216,6 +233,20 @@ fn collapse_dense(
     }
     shapes.reverse();
     shapes
+}
+
+/// Which faces of a mesh in the unit sphere nothing sees, neither at rest nor in motion.
+fn enclosed(inputs: &Inputs<'_>, unit: &TriMesh, double_sided: bool) -> Vec<bool> {
+    let mut enclosed = vec![true; unit.triangles.len()];
+    visibility::keep_enclosed(&mut enclosed, unit, &Frame { centre: Vec3::ZERO, radius: 1.0 }, double_sided);
+    if let Some(poses) = inputs.poses {
+        let mesh = from_unit_sphere(unit.clone(), &inputs.frame);
+        for posed in poses.posed(&mesh, &poses.motions_by_closest_point(inputs.bvh, &mesh.positions)) {
+            let frame = Frame::around(&posed.positions);
+            visibility::keep_enclosed(&mut enclosed, &posed, &frame, double_sided);
+        }
+    }
+    enclosed
 }
 
 /// A mesh before its collapse, and how many pixels see each face.
@@ -241,7 +272,7 @@ fn dense(inputs: &Inputs<'_>, params: &Params, road: Road) -> Dense {
             (mesh, two_sided.collect())
         }
     };
-    let pixels = visibility::visible_pixels(&mesh, &inputs.frame, &|t| two_sided[t]);
+    let pixels = visible_pixels(inputs, &mesh, &|t| two_sided[t]);
     let sided = pixels.iter().zip(&two_sided).filter(|(_, two)| **two).map(|(&n, _)| u64::from(n)).sum::<u64>();
     let double_sided = 2 * sided > pixels.iter().map(|&n| u64::from(n)).sum::<u64>();
     if !params.remove_invisible || pixels.iter().all(|&n| n == 0) {
@@ -252,6 +283,20 @@ fn dense(inputs: &Inputs<'_>, params: &Params, road: Road) -> Dense {
     let kept = weld::cut(&mesh.filtered(|t| seen[t]));
     let pixels = pixels.iter().zip(&seen).filter(|(_, seen)| **seen).map(|(&n, _)| n).collect();
     Dense { mesh: kept, pixels, double_sided }
+}
+
+/// Pixels that see each face, at rest and, half as many, in motion.
+fn visible_pixels(inputs: &Inputs<'_>, mesh: &TriMesh, double_sided: &(impl Fn(usize) -> bool + Sync)) -> Vec<u32> {
+    let mut pixels = visibility::visible_pixels(mesh, &inputs.frame, DIRECTIONS, double_sided);
+    if let Some(poses) = inputs.poses {
+        let directions = (DIRECTIONS / 2).div_ceil(poses.count());
+        for posed in poses.posed(mesh, &poses.motions_by_closest_point(inputs.bvh, &mesh.positions)) {
+            let frame = Frame::around(&posed.positions);
+            let moving = visibility::visible_pixels(&posed, &frame, directions, double_sided);
+            pixels.iter_mut().zip(moving).for_each(|(sum, n)| *sum += n);
+        }
+    }
+    pixels
 }
 
 fn to_unit_sphere(mesh: &TriMesh, frame: &Frame) -> TriMesh {
