@@ -6,11 +6,11 @@ use serde::{Deserialize, Serialize};
 use crate::clock::Clock;
 use crate::gltf::{self, ExportOptions, Limits};
 use crate::level::{Shared, make_level};
+use crate::mesh::TriMesh;
 use crate::model::{Level, Model, SMALLEST_EXTENT};
 use crate::refine::Refined;
-use crate::mesh::TriMesh;
 use crate::render::{Frame, SurfaceSampler, View, take_posed_views, take_views, viewpoints};
-use crate::rig::Poses;
+use crate::rig::{Donor, Poses};
 use crate::settings::{BakeSettings, Candidates, ExistingLods, Resolution};
 use crate::shape::{self, Deviation};
 use crate::{Bvh, Context, Error, Source, StageId, reconstruct};
@@ -210,18 +210,19 @@ fn make_levels(
             clock
                 .time(StageId::Shape, || (Bvh::new(&surface.positions, &surface.triangles), shape::Solid::of(&sampler)))
         },
-        || {
-            clock.time(StageId::Refine, || views_of(&sampler, &frame, poses.as_ref(), seed, settings))
-        },
+        || clock.time(StageId::Refine, || views_of(&sampler, &frame, poses.as_ref(), seed, settings)),
     );
     context.check(&model.name)?;
     context.report(StageId::Shape, None, 0.15);
-    let inputs = shape::Inputs { model, bvh: &bvh, solid: &solid, frame, views: &views, poses: poses.as_ref() };
+    let donor = Donor::new(model, &bvh);
+    let inputs =
+        shape::Inputs { model, bvh: &bvh, donor: &donor, solid: &solid, frame, views: &views, poses: poses.as_ref() };
     let params = shape_params(settings, budgets);
     let shapes = clock.time(StageId::Shape, || shape::shape(&inputs, &params, context))?;
     let deviations: Vec<Deviation> = shapes.par_iter().map(|s| shape::deviation(&inputs, &s.mesh)).collect();
     context.report(StageId::Unwrap, None, 0.4);
-    let shared = Shared { model, sampler, bvh, frame, views, poses, seed, settings, context, clock };
+    let shared =
+        Shared { model, sampler, bvh: &bvh, donor: &donor, frame, views, poses, seed, settings, context, clock };
     let made: Result<Vec<_>, Error> = shapes
         .par_iter()
         .zip(&deviations)

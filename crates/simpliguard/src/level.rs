@@ -9,7 +9,7 @@ use crate::mesh::TriMesh;
 use crate::model::{Influences, Level, Model, linear_to_srgb};
 use crate::refine::{self, LowPoly, Refined};
 use crate::render::{Frame, Motions, SurfaceSample, SurfaceSampler, View};
-use crate::rig::{self, Poses, Transfer};
+use crate::rig::{self, Donor, Poses, Transfer};
 use crate::settings::{BakeSettings, SkinTransfer};
 use crate::shape::{Cards, Deviation, Road, Shape};
 use crate::texture::{self, Channels, Texel};
@@ -25,7 +25,8 @@ const RESOLVE_EVERY: u32 = 50;
 pub(crate) struct Shared<'a> {
     pub(crate) model: &'a Model,
     pub(crate) sampler: SurfaceSampler<'a>,
-    pub(crate) bvh: Bvh,
+    pub(crate) bvh: &'a Bvh,
+    pub(crate) donor: &'a Donor<'a>,
     pub(crate) frame: Frame,
     pub(crate) views: Vec<View>,
     pub(crate) poses: Option<Poses<'a>>,
@@ -174,7 +175,7 @@ fn influences(shared: &Shared<'_>, mesh: &TriMesh) -> Vec<Influences> {
         SkinTransfer::ClosestSurface => Transfer::default(),
         SkinTransfer::NearestVertices => Transfer::NearestVertices { k: 4 },
     };
-    rig::transfer(shared.model, &shared.bvh, mesh, &mesh.vertex_normals(), method).0
+    rig::transfer(shared.donor, mesh, &mesh.vertex_normals(), method).0
 }
 
 /// Levels of at most 1,000 faces are seen from afar: half the texture is enough.

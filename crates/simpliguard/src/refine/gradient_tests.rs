@@ -1,14 +1,14 @@
 //! Gradients against central differences, on a smooth convex scene: a sphere with a smooth texture, fitted to a picture
 //! of a larger, shifted one.
 
-use glam::{Vec2, Vec3, Vec4};
+use glam::{Affine3A, Vec2, Vec3, Vec4};
 
 use super::LowPoly;
 use super::backward::Gradients;
 use super::forward::Frame;
 use super::loss::Loss;
 use crate::mesh::TriMesh;
-use crate::render::{Camera, Frame as Framing, Picture, Rect};
+use crate::render::{Camera, Frame as Framing, Motions, Picture, Rect};
 use crate::unwrap::Atlas;
 
 const SIZE: usize = 256;
@@ -114,6 +114,31 @@ fn vertex_gradients_point_along_central_differences() {
         let (cosine, ratio) = compare(background, lambda);
         assert!(cosine > 0.9, "background {background}, lambda {lambda}: cosine {cosine}");
         assert!((0.75..1.3).contains(&ratio), "background {background}, lambda {lambda}: ratio {ratio}");
+    }
+}
+
+#[test]
+fn gradients_in_a_pose_are_those_at_rest_turned_back() {
+    let target = target();
+    let gradients = |low: &LowPoly, pose| {
+        let mut frame = Frame::new(SIZE);
+        frame.render(low, &camera(), pose, all());
+        let mut loss = Loss::default();
+        loss.run(&frame, &target, 1.0, 0.5);
+        let mut gradients = Gradients::default();
+        gradients.run(low, &camera().view_projection, pose, &frame, &loss.gradient);
+        gradients.positions
+    };
+    let still = sphere(4);
+    // The same sphere lying on its side and twice as large at rest, which the pose sets upright.
+    let stand = Affine3A::from_scale(Vec3::splat(0.5)) * Affine3A::from_rotation_x(std::f32::consts::FRAC_PI_2);
+    let mut lying = still.clone().with_motions(Motions::new(vec![vec![stand; still.positions.len()]]));
+    lying.positions.iter_mut().for_each(|p| *p = stand.inverse().transform_point3(*p));
+    let (expected, found) = (gradients(&still, None), gradients(&lying, Some(0)));
+    let largest = expected.iter().map(|g| g.length()).fold(0.0, f32::max);
+    for (g, e) in found.iter().zip(&expected) {
+        let back = stand.matrix3.transpose() * *e;
+        assert!(g.distance(back) < 0.02 * largest, "{g} {back}");
     }
 }
 

@@ -61,6 +61,13 @@ impl Motions {
         self.0.get(pose?).map(Vec::as_slice)
     }
 
+    /// The same motions of positions in another space, which `to_world` leads out of.
+    pub fn rebased(mut self, to_world: Affine3A) -> Self {
+        let from_world = to_world.inverse();
+        self.0.iter_mut().flatten().for_each(|motion| *motion = from_world * *motion * to_world);
+        self
+    }
+
     /// Positions of the rest pose as a camera sees them in `pose`: replaces `clip`.
     pub fn project(&self, positions: &[Vec3], camera: &Camera, pose: Option<usize>, clip: &mut Vec<Vec4>) {
         let matrix = camera.view_projection;

@@ -27,7 +27,11 @@ impl<'a> Skinning<'a> {
             .map(|bone| {
                 let inverse_bind = rig.bones[bone].inverse_bind.as_dmat4();
                 // The only skin is taken over as it is; others are rebased onto the world.
-                if rig.source_skin.is_some() { inverse_bind } else { inverse_bind * to_bind_space(rig, spaces.find(bone)) }
+                if rig.source_skin.is_some() {
+                    inverse_bind
+                } else {
+                    inverse_bind * to_bind_space(rig, spaces.find(bone))
+                }
             })
             .collect();
         let rest = rig.bones.iter().zip(&bind).map(|(bone, bind)| bone.rest_world.as_dmat4() * *bind).collect();

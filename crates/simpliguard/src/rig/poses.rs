@@ -108,8 +108,7 @@ mod tests {
     fn model(angles: &[f32]) -> Model {
         let bone = |node| Bone { node, inverse_bind: Mat4::IDENTITY, rest_world: Mat4::IDENTITY };
         let pose = |(clip, &angle): (usize, &f32)| Pose {
-            clip,
-            seconds: 0.0,
+            frame: Some((clip, 0.0)),
             world: vec![Mat4::IDENTITY, Mat4::from_rotation_z(angle)],
         };
         let surface = Surface {
@@ -126,7 +125,7 @@ mod tests {
     fn poses_far_from_each_other_are_chosen_and_repeated_ones_are_not() {
         let model = model(&[0.0, 1.5, 0.0, 1.5, -1.5]);
         let poses = Poses::of(&model, 4).expect("it moves");
-        assert_eq!(poses.chosen.iter().map(|p| p.clip).collect::<Vec<_>>(), [1, 4]);
+        assert_eq!(poses.chosen.iter().map(|p| p.frame).collect::<Vec<_>>(), [Some((1, 0.0)), Some((4, 0.0))]);
     }
 
     #[test]

@@ -272,7 +272,7 @@ settings! {
     /// How a level gets its joint weights.
     skin_transfer: SkinTransfer = always(SkinTransfer::ClosestSurface), Limit::None, [Rig];
     /// Number of frames of the source's clips that levels are fitted to besides the rest pose; 0 fits the rest pose alone.
-    poses: u32 = by_quality(2, 4, 6), Limit::Between(0.0, 16.0), [Shape, Texture, Refine];
+    poses: u32 = by_quality(2, 4, 6), Limit::Between(0.0, 16.0), [Reconstruct, Shape, Texture, Refine];
     /// Side of each level's square textures, in texels; levels of at most 1,000 faces get half of it.
     texture_size: u32 = always(1024), Limit::PowerOfTwo(64, 4096), [Unwrap, Texture, Refine];
     /// Distance between charts, in texels.
@@ -457,7 +457,7 @@ mod tests {
     fn a_quality_counts_by_its_values() {
         let best = BakeSettings::preset(Quality::Best);
         let mut spelled = BakeSettings::preset(Quality::Draft);
-        (spelled.views, spelled.refine_steps) = (best.views, best.refine_steps);
+        (spelled.poses, spelled.views, spelled.refine_steps) = (best.poses, best.views, best.refine_steps);
         assert_eq!(best.canonical_bake(), spelled.canonical_bake());
     }
 

@@ -11,19 +11,20 @@ mod candidates;
 mod collapse;
 mod deviation;
 mod foliage;
+mod layers;
 mod quadric;
 mod solid;
 mod visibility;
 mod weld;
 
-use glam::Vec3;
+use glam::{Affine3A, Vec3};
 use rayon::prelude::*;
 
 use crate::mesh::TriMesh;
 use crate::model::Model;
-use crate::reconstruct::{self, reconstruct};
+use crate::reconstruct;
 use crate::render::{Frame, Motions, View};
-use crate::rig::{self, Poses, Transfer};
+use crate::rig::{self, Donor, Poses, Transfer};
 use crate::{Bvh, Context, Error, StageId};
 use collapse::Simplifier;
 
@@ -104,6 +105,8 @@ pub struct Inputs<'a> {
     pub model: &'a Model,
     /// Over its triangles.
     pub bvh: &'a Bvh,
+    /// Where influences come from.
+    pub donor: &'a Donor<'a>,
     /// Its triangles that can be seen at all.
     pub solid: &'a Solid,
     /// Around the source.
@@ -119,7 +122,7 @@ impl Inputs<'_> {
     fn motions(&self, mesh: &TriMesh) -> Motions {
         self.poses.map_or_else(Motions::default, |poses| {
             let method = Transfer::default();
-            poses.motions(&rig::transfer(self.model, self.bvh, mesh, &mesh.vertex_normals(), method).0)
+            poses.motions(&rig::transfer(self.donor, mesh, &mesh.vertex_normals(), method).0)
         })
     }
 }
@@ -221,6 +224,11 @@ fn collapse_dense(
         simplifier.drop_negligible_components(largest, NEGLIGIBLE_FACES);
         simplifier.run(ENCLOSED_AT * largest);
         simplifier.remove_faces(&enclosed(inputs, &simplifier.mesh(), double_sided));
+    } else if inputs.poses.is_some() {
+        simplifier.run(ENCLOSED_AT * largest);
+    }
+    if let Some(poses) = inputs.poses {
+        simplifier.follow(poses.count(), |unit| motions_in_unit_sphere(inputs, poses, unit));
     }
     let mut shapes = Vec::new();
     for &budget in params.budgets.iter().rev() {
@@ -235,17 +243,20 @@ fn collapse_dense(
     shapes
 }
 
-/// Which faces of a mesh in the unit sphere nothing sees, neither at rest nor in motion.
+/// Motions of points in the unit sphere, there.
+fn motions_in_unit_sphere(inputs: &Inputs<'_>, poses: &Poses<'_>, unit: &[Vec3]) -> Motions {
+    let Frame { centre, radius } = inputs.frame;
+    let positions: Vec<Vec3> = unit.iter().map(|p| *p * radius + centre).collect();
+    let from_unit = Affine3A::from_translation(centre) * Affine3A::from_scale(Vec3::splat(radius));
+    poses.motions_by_closest_point(inputs.bvh, &positions).rebased(from_unit)
+}
+
+/// Which faces of a mesh in the unit sphere nothing sees: no camera in motion, and no ray from them at rest gets out.
 fn enclosed(inputs: &Inputs<'_>, unit: &TriMesh, double_sided: bool) -> Vec<bool> {
-    let mut enclosed = vec![true; unit.triangles.len()];
+    let mesh = from_unit_sphere(unit.clone(), &inputs.frame);
+    let mut enclosed: Vec<bool> =
+        pixels_in_motion(inputs, &mesh, &|_| double_sided).into_iter().map(|pixels| pixels == 0).collect();
     visibility::keep_enclosed(&mut enclosed, unit, &Frame { centre: Vec3::ZERO, radius: 1.0 }, double_sided);
-    if let Some(poses) = inputs.poses {
-        let mesh = from_unit_sphere(unit.clone(), &inputs.frame);
-        for posed in poses.posed(&mesh, &poses.motions_by_closest_point(inputs.bvh, &mesh.positions)) {
-            let frame = Frame::around(&posed.positions);
-            visibility::keep_enclosed(&mut enclosed, &posed, &frame, double_sided);
-        }
-    }
     enclosed
 }
 
@@ -260,7 +271,7 @@ fn dense(inputs: &Inputs<'_>, params: &Params, road: Road) -> Dense {
     let solid = inputs.solid;
     let (mesh, two_sided): (TriMesh, Vec<bool>) = match road {
         Road::Reconstruction(p) => {
-            let mesh = reconstruct(&solid.mesh.positions, &solid.mesh.triangles, &solid.bvh, &p);
+            let mesh = layers::wrap(inputs, &p);
             let faces = mesh.triangles.len();
             (mesh, vec![false; faces])
         }
@@ -288,13 +299,20 @@ fn dense(inputs: &Inputs<'_>, params: &Params, road: Road) -> Dense {
 /// Pixels that see each face, at rest and, half as many, in motion.
 fn visible_pixels(inputs: &Inputs<'_>, mesh: &TriMesh, double_sided: &(impl Fn(usize) -> bool + Sync)) -> Vec<u32> {
     let mut pixels = visibility::visible_pixels(mesh, &inputs.frame, DIRECTIONS, double_sided);
-    if let Some(poses) = inputs.poses {
-        let directions = (DIRECTIONS / 2).div_ceil(poses.count());
-        for posed in poses.posed(mesh, &poses.motions_by_closest_point(inputs.bvh, &mesh.positions)) {
-            let frame = Frame::around(&posed.positions);
-            let moving = visibility::visible_pixels(&posed, &frame, directions, double_sided);
-            pixels.iter_mut().zip(moving).for_each(|(sum, n)| *sum += n);
-        }
+    let moving = pixels_in_motion(inputs, mesh, double_sided);
+    pixels.iter_mut().zip(moving).for_each(|(sum, n)| *sum += n);
+    pixels
+}
+
+/// Pixels that see each face in the poses, from half as many directions as at rest over all of them.
+fn pixels_in_motion(inputs: &Inputs<'_>, mesh: &TriMesh, double_sided: &(impl Fn(usize) -> bool + Sync)) -> Vec<u32> {
+    let mut pixels = vec![0; mesh.triangles.len()];
+    let Some(poses) = inputs.poses else { return pixels };
+    let directions = (DIRECTIONS / 2).div_ceil(poses.count());
+    for posed in poses.posed(mesh, &poses.motions_by_closest_point(inputs.bvh, &mesh.positions)) {
+        let frame = Frame::around(&posed.positions);
+        let seen = visibility::visible_pixels(&posed, &frame, directions, double_sided);
+        pixels.iter_mut().zip(seen).for_each(|(sum, n)| *sum += n);
     }
     pixels
 }

@@ -1,7 +1,8 @@
 //! Frames of the file's clips, as poses of the bones.
 //!
 //! Translation, rotation and scale of nodes, with all three interpolations; rotations between two keys are interpolated
-//! linearly and normalised. Morph weights and pointers into the document move no bone.
+//! linearly and normalised. Morph weights and pointers into the document move no bone. A skeleton without clips gets
+//! poses in which every joint is turned a little at random.
 
 use glam::{Mat4, Quat, Vec3, Vec4};
 
@@ -10,16 +11,22 @@ use super::nodes::{Tree, local_matrix, trs};
 use super::schema::{Animation, Channel};
 use crate::Error;
 use crate::model::{Bone, Pose};
+use crate::render::Random;
 
 /// Frames taken of each clip, at the starts of as many equal parts.
 const FRAMES: usize = 8;
 /// Most matrices over all poses: 64 MB.
 const MOST_MATRICES: usize = 1 << 20;
+/// How far a joint is turned in a file without clips, as a part of the way to a random rotation: 25 degrees on average.
+const TURN: f32 = 0.2;
 
 /// Frames of every clip, in the order of the clips: as many of each as memory allows. Clips that cannot be read are
 /// named in `notes`: they go through to the export all the same.
 pub(super) fn poses(reader: Reader<'_>, tree: &Tree, bones: &[Bone], notes: &mut Vec<String>) -> Vec<Pose> {
     let clips = &reader.root.animations;
+    if clips.is_empty() {
+        return turned_poses(reader, tree, bones);
+    }
     let frames = (MOST_MATRICES / bones.len().max(1) / clips.len().max(1)).min(FRAMES);
     let mut out = Vec::new();
     for (clip, animation) in clips.iter().enumerate().filter(|_| frames > 0) {
@@ -37,11 +44,29 @@ pub(super) fn poses(reader: Reader<'_>, tree: &Tree, bones: &[Bone], notes: &mut
             let world = world_at(reader, tree, &tracks, seconds);
             let world: Vec<Mat4> = bones.iter().map(|bone| world[bone.node]).collect();
             if world.iter().all(Mat4::is_finite) {
-                out.push(Pose { clip, seconds, world });
+                out.push(Pose { frame: Some((clip, seconds)), world });
             }
         }
     }
     out
+}
+
+/// Poses with every joint turned at random.
+fn turned_poses(reader: Reader<'_>, tree: &Tree, bones: &[Bone]) -> Vec<Pose> {
+    let mut random = Random::new(bones.len() as u64);
+    let frames = (MOST_MATRICES / bones.len().max(1)).min(FRAMES);
+    let mut pose = || {
+        let mut turns = vec![Mat4::IDENTITY; reader.root.nodes.len()];
+        for bone in bones {
+            let far = random.rotation();
+            let far = if far.w < 0.0 { -far } else { far };
+            let turn = Vec4::from(Quat::IDENTITY).lerp(far.into(), TURN).normalize();
+            turns[bone.node] = Mat4::from_quat(Quat::from_vec4(turn));
+        }
+        let world = tree.world_with(|node| local_matrix(&reader.root.nodes[node]) * turns[node]);
+        Pose { frame: None, world: bones.iter().map(|bone| world[bone.node]).collect() }
+    };
+    (0..frames).map(|_| pose()).filter(|pose| pose.world.iter().all(Mat4::is_finite)).collect()
 }
 
 /// World matrix of each node at a time of a clip.

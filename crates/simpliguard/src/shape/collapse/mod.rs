@@ -7,6 +7,7 @@
 mod adjacency;
 mod components;
 mod link;
+mod motion;
 #[cfg(test)]
 mod tests;
 
@@ -16,6 +17,7 @@ use std::collections::BinaryHeap;
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
+use self::motion::InMotion;
 use super::quadric::Quadric;
 use crate::mesh::TriMesh;
 
@@ -40,6 +42,8 @@ pub(super) struct Simplifier {
     /// Raised whenever a vertex changes; a heap entry with another stamp is out of date.
     stamps: Vec<u32>,
     heap: BinaryHeap<Reverse<Entry>>,
+    /// Error in other poses, once they are followed.
+    in_motion: Option<InMotion>,
     /// Scratch for the link condition.
     marks: Vec<u32>,
     mark: u32,
@@ -53,6 +57,12 @@ struct Entry {
     u: u32,
     v: u32,
     stamps: (u32, u32),
+}
+
+/// Where `p` projects onto the edge from `a` to `b`, 0 to 1.
+fn part_of_way(a: DVec3, b: DVec3, p: DVec3) -> f64 {
+    let way = b - a;
+    ((p - a).dot(way) / way.length_squared().max(f64::MIN_POSITIVE)).clamp(0.0, 1.0)
 }
 
 impl Simplifier {
@@ -70,6 +80,7 @@ impl Simplifier {
             next: vec![NONE; mesh.triangles.len() * 3],
             stamps: vec![0; vertices],
             heap: BinaryHeap::new(),
+            in_motion: None,
             marks: vec![0; vertices],
             mark: 0,
         };
@@ -192,12 +203,12 @@ impl Simplifier {
         let (middle, length) = ((a + b) * 0.5, a.distance(b));
         // On flats, where every place is as good, short edges go first.
         let tie = 1e-9 * length.powi(4);
-        if let Some(p) = quadric.minimum()
-            && p.distance(middle) < 2.0 * length
-        {
+        let in_motion = |p: DVec3| self.in_motion.as_ref().map_or(0.0, |m| m.error(u, v, part_of_way(a, b, p), p));
+        let minimum = quadric.minimum().filter(|p| p.distance(middle) < 2.0 * length);
+        if let Some(p) = minimum.filter(|_| self.in_motion.is_none()) {
             return (p, quadric.error(p) + tie);
         }
-        let candidates = [middle, a, b].map(|p| (p, quadric.error(p)));
+        let candidates = [minimum.unwrap_or(middle), middle, a, b].map(|p| (p, quadric.error(p) + in_motion(p)));
         let best = candidates.into_iter().reduce(|best, c| if c.1 < best.1 { c } else { best });
         best.map_or((middle, tie), |(p, error)| (p, error + tie))
     }
@@ -227,6 +238,10 @@ impl Simplifier {
         let (quadric, mass) = (self.quadrics[v as usize], self.mass[v as usize]);
         self.quadrics[u as usize].add(&quadric);
         self.mass[u as usize] += mass;
+        if let Some(in_motion) = &mut self.in_motion {
+            let t = part_of_way(self.positions[u as usize], self.positions[v as usize], place);
+            in_motion.merge(u, v, t);
+        }
         self.positions[u as usize] = place;
         let mut kept = Vec::with_capacity(16);
         for (w, corners) in [(u, self.corners_of(u)), (v, self.corners_of(v))] {
