@@ -45,6 +45,11 @@ impl Bvh {
 
     /// The triangle nearest to `point` within `max_distance`.
     pub fn closest(&self, point: Vec3, max_distance: f32) -> Option<Hit> {
+        self.closest_where(point, max_distance, |_| true)
+    }
+
+    /// As [`Self::closest`], seeing only triangles for which `accept` holds.
+    pub fn closest_where(&self, point: Vec3, max_distance: f32, accept: impl Fn(u32) -> bool) -> Option<Hit> {
         if self.corners.is_empty() {
             return None;
         }
@@ -64,6 +69,9 @@ impl Bvh {
             if node.is_leaf() {
                 for i in node.first_index..node.first_index + node.prim_count {
                     let triangle = self.tree.primitive_indices[i as usize];
+                    if !accept(triangle) {
+                        continue;
+                    }
                     let q = closest_point(p, &self.corners[triangle as usize]);
                     let d = (q - p).length_squared();
                     // Equal distances go to the lower index: the answer does not depend on the tree.
@@ -248,6 +256,9 @@ mod tests {
         );
         let hit = bvh.cast_where(Vec3::new(0.2, 0.2, 2.0), -Vec3::Z, 9.0, |t, _| t == 0);
         assert_eq!(hit.map(|h| h.triangle), Some(0));
+        let hit = bvh.closest_where(Vec3::new(0.2, 0.2, 2.0), 9.0, |t| t == 0);
+        assert_eq!(hit.map(|h| (h.triangle, h.distance)), Some((0, 2.0)));
+        assert_eq!(bvh.closest_where(Vec3::new(0.2, 0.2, 2.0), 1.5, |t| t == 0), None);
     }
 
     #[test]

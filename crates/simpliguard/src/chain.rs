@@ -9,7 +9,8 @@ use crate::level::{Shared, make_level};
 use crate::mesh::{Topology, TriMesh, self_intersecting};
 use crate::model::{Level, Model, SMALLEST_EXTENT};
 use crate::refine::Refined;
-use crate::render::{Frame, SurfaceSampler, take_views, viewpoints};
+use crate::render::{Frame, SurfaceSampler, View, take_posed_views, take_views, viewpoints};
+use crate::rig::{Donor, Poses};
 use crate::settings::{BakeSettings, Candidates, ExistingLods, Resolution};
 use crate::shape::{self, Deviation};
 use crate::targets::Targets;
@@ -243,25 +244,26 @@ fn make_levels(
     let hash = blake3::hash(source.bytes);
     let seed = hash.as_bytes()[..8].iter().fold(0u64, |seed, &byte| seed << 8 | u64::from(byte));
     let sampler = SurfaceSampler::new(model);
+    let poses = Poses::of(model, settings.poses as usize);
     let ((bvh, solid), views) = rayon::join(
         || {
             clock
                 .time(StageId::Shape, || (Bvh::new(&surface.positions, &surface.triangles), shape::Solid::of(&sampler)))
         },
-        || {
-            let cameras = viewpoints(&frame, settings.views as usize, seed);
-            clock.time(StageId::Refine, || take_views(&sampler, &cameras, settings.view_size as usize))
-        },
+        || clock.time(StageId::Refine, || views_of(&sampler, &frame, poses.as_ref(), seed, settings)),
     );
     context.check(&model.name)?;
     context.report(StageId::Shape, None, 0.15);
-    let inputs = shape::Inputs { model, solid: &solid, frame, views: &views };
+    let donor = Donor::new(model, &bvh);
+    let inputs =
+        shape::Inputs { model, bvh: &bvh, donor: &donor, solid: &solid, frame, views: &views, poses: poses.as_ref() };
     let budgets = targets.budgets();
     let params = shape_params(settings, &budgets);
     let shapes = clock.time(StageId::Shape, || shape::shape(&inputs, &params, context))?;
     let deviations: Vec<Deviation> = shapes.par_iter().map(|s| shape::deviation(&inputs, &s.mesh)).collect();
     context.report(StageId::Unwrap, None, 0.4);
-    let shared = Shared { model, sampler, bvh, frame, views, seed, settings, context, clock };
+    let shared =
+        Shared { model, sampler, bvh: &bvh, donor: &donor, frame, views, poses, seed, settings, context, clock };
     let (chosen, unmet) = targets.choose(&budgets, &deviations);
     let made: Result<Vec<_>, Error> = chosen
         .par_iter()
@@ -270,6 +272,29 @@ fn make_levels(
         .collect();
     let (levels, reports) = made?.into_iter().unzip();
     Ok(Made { levels, reports, unmet })
+}
+
+/// The source in the rest pose, and half as often in its other poses.
+fn views_of(
+    sampler: &SurfaceSampler<'_>,
+    frame: &Frame,
+    poses: Option<&Poses<'_>>,
+    seed: u64,
+    settings: &BakeSettings,
+) -> Vec<View> {
+    let (count, size) = (settings.views as usize, settings.view_size as usize);
+    let mut views = take_views(sampler, &viewpoints(frame, count, seed), size);
+    let Some(poses) = poses else { return views };
+    let surface = &sampler.model().surface;
+    let rest = TriMesh { positions: surface.positions.clone(), triangles: Vec::new() };
+    let motions = poses.motions(&surface.influences);
+    let per_pose = (count / 2).div_ceil(poses.count());
+    for (pose, posed) in poses.posed(&rest, &motions).enumerate() {
+        let frame = Frame::around(&posed.positions);
+        let cameras = viewpoints(&frame, per_pose, seed.wrapping_add(pose as u64 + 1));
+        views.extend(take_posed_views(sampler, &posed.positions, pose, &cameras, size));
+    }
+    views
 }
 
 fn shape_params(settings: &BakeSettings, budgets: &[u32]) -> shape::Params {

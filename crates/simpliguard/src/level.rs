@@ -8,8 +8,8 @@ use crate::clock::Clock;
 use crate::mesh::TriMesh;
 use crate::model::{Influences, Level, Model, linear_to_srgb};
 use crate::refine::{self, LowPoly, Refined};
-use crate::render::{Frame, SurfaceSample, SurfaceSampler, View};
-use crate::rig::{self, Transfer};
+use crate::render::{Frame, Motions, SurfaceSample, SurfaceSampler, View};
+use crate::rig::{self, Donor, Poses, Transfer};
 use crate::settings::{BakeSettings, SkinTransfer};
 use crate::shape::{Cards, Deviation, Road, Shape};
 use crate::texture::{self, Channels, Texel};
@@ -25,9 +25,11 @@ const RESOLVE_EVERY: u32 = 50;
 pub(crate) struct Shared<'a> {
     pub(crate) model: &'a Model,
     pub(crate) sampler: SurfaceSampler<'a>,
-    pub(crate) bvh: Bvh,
+    pub(crate) bvh: &'a Bvh,
+    pub(crate) donor: &'a Donor<'a>,
     pub(crate) frame: Frame,
     pub(crate) views: Vec<View>,
+    pub(crate) poses: Option<Poses<'a>>,
     pub(crate) seed: u64,
     pub(crate) settings: &'a BakeSettings,
     pub(crate) context: &'a Context<'a>,
@@ -58,7 +60,9 @@ pub(crate) fn make_level(
     context.report(StageId::Unwrap, Some(number as usize), 0.4);
     let atlas = clock.time(StageId::Unwrap, || unwrap(&shape.mesh, None, &params));
     let canvas = Canvas::new(shared, &atlas, size);
-    let Fitted { low, refined, alpha } = fit(shared, &canvas, shape, number, budget)?;
+    context.report(StageId::Rig, Some(number as usize), 0.42);
+    let influences = clock.time(StageId::Rig, || influences(shared, &shape.mesh));
+    let Fitted { low, refined, alpha } = fit(shared, &canvas, shape, &influences, number, budget)?;
     let mesh = low.mesh();
     context.report(StageId::Texture, Some(number as usize), 0.85);
     let samples = clock.time(StageId::Texture, || canvas.bake(&mesh, shape.cards.as_ref()));
@@ -66,8 +70,6 @@ pub(crate) fn make_level(
     // The differentiable renderer does not see through a cut-out.
     let refined = (!alpha).then_some(Refined { psnr, ..refined });
 
-    context.report(StageId::Rig, Some(number as usize), 0.9);
-    let influences = clock.time(StageId::Rig, || influences(shared, &mesh));
     let unlit = model.materials.iter().all(|m| m.unlit);
     let channels = Channels { normal: settings.normal_map && !unlit, alpha };
     let topology = LevelTopology::of(&mesh);
@@ -103,7 +105,14 @@ struct Fitted {
 }
 
 /// Descends on the vertices with a texture of at most [`FITTED_SIZE`].
-fn fit(shared: &Shared<'_>, full: &Canvas<'_>, shape: &Shape, number: u32, budget: u32) -> Result<Fitted, Error> {
+fn fit(
+    shared: &Shared<'_>,
+    full: &Canvas<'_>,
+    shape: &Shape,
+    influences: &[Influences],
+    number: u32,
+    budget: u32,
+) -> Result<Fitted, Error> {
     let Shared { model, settings, context, clock, .. } = *shared;
     let small = Canvas::new(shared, full.atlas, full.size.min(FITTED_SIZE));
     context.report(StageId::Texture, Some(number as usize), 0.45);
@@ -113,6 +122,7 @@ fn fit(shared: &Shared<'_>, full: &Canvas<'_>, shape: &Shape, number: u32, budge
         let (texels, covered) = initial_texture(&samples, small.size, alpha);
         let double_sided = shape.double_sided || alpha;
         let low = LowPoly::new(&shape.mesh, full.atlas, double_sided, small.size, texels, covered);
+        let low = low.with_motions(shared.poses.as_ref().map_or_else(Motions::default, |p| p.motions(influences)));
         (low, alpha, if alpha { None } else { small.smoothness(&samples) })
     });
     context.report(StageId::Refine, Some(number as usize), 0.5);
@@ -167,7 +177,7 @@ fn influences(shared: &Shared<'_>, mesh: &TriMesh) -> Vec<Influences> {
         SkinTransfer::ClosestSurface => Transfer::default(),
         SkinTransfer::NearestVertices => Transfer::NearestVertices { k: 4 },
     };
-    rig::transfer(shared.model, &shared.bvh, mesh, &mesh.vertex_normals(), method).0
+    rig::transfer(shared.donor, mesh, &mesh.vertex_normals(), method).0
 }
 
 /// Levels of at most 1,000 faces are seen from afar: half the texture is enough.

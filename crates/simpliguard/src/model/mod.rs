@@ -118,6 +118,17 @@ pub struct Rig {
     pub bones: Vec<Bone>,
     /// The source's only skin, if `bones` are exactly its joints in order: levels then reuse it unchanged.
     pub source_skin: Option<usize>,
+    /// Frames of the source's clips, a few of each; made up if it has none.
+    pub poses: Vec<Pose>,
+}
+
+/// The bones in one frame of a clip.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Pose {
+    /// Index in the glTF's `animations`, and seconds in that clip; `None` for a pose that is made up.
+    pub frame: Option<(usize, f32)>,
+    /// From each bone's joint to the world.
+    pub world: Vec<Mat4>,
 }
 
 /// One bone.

@@ -60,8 +60,7 @@ pub(super) fn build(positions: &[Vec3], triangles: &[[u32; 3]], params: &Params)
     let used: Vec<Vec3> = triangles.iter().flatten().map(|&v| positions[v as usize]).collect();
     let (low, high) = bounds(&used);
     let samples = params.resolution as i32;
-    let extent = (high - low).max_element().max(f32::MIN_POSITIVE * 1e6);
-    let spacing = extent / (samples as f32 - 2.0 * MARGIN);
+    let spacing = spacing((high - low).max_element(), params.resolution);
     let origin = Vec3A::from((low + high) * 0.5) - Vec3A::splat((samples - 1) as f32 * 0.5 * spacing);
     let offset = params.offset * spacing;
     let spheres: Vec<Sphere> = corners.iter().map(Sphere::around).collect();
@@ -94,6 +93,16 @@ pub(super) fn build(positions: &[Vec3], triangles: &[[u32; 3]], params: &Params)
     }
     grid.bricks = bricks;
     grid
+}
+
+/// Distance between samples for a source whose longest side is `extent`.
+pub(super) fn spacing(extent: f32, resolution: u32) -> f32 {
+    extent.max(f32::MIN_POSITIVE * 1e6) / (resolution as f32 - 2.0 * MARGIN)
+}
+
+/// Least resolution with that spacing or a smaller one.
+pub(super) fn resolution(extent: f32, spacing: f32) -> u32 {
+    (extent / spacing + 2.0 * MARGIN).ceil() as u32
 }
 
 impl Descent<'_> {

@@ -52,6 +52,18 @@ impl Params {
     pub fn thick(resolution: u32) -> Self {
         Self { offset: 1.5, ..Self::new(resolution) }
     }
+
+    /// Side of a cell in metres, for a mesh all of whose vertices are in use.
+    pub fn cell(&self, mesh: &TriMesh) -> f32 {
+        let (low, high) = mesh.bounds();
+        field::spacing((high - low).max_element(), self.resolution)
+    }
+
+    /// The resolution at which a part of `whole` has cells of about the same size, none larger.
+    pub fn resolution_for(&self, whole: &TriMesh, part: &TriMesh) -> u32 {
+        let (low, high) = part.bounds();
+        field::resolution((high - low).max_element(), self.cell(whole)).next_multiple_of(8).clamp(32, self.resolution)
+    }
 }
 
 /// Wraps the triangles of `bvh`, given again as indexed positions. Empty for an empty source.

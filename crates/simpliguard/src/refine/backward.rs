@@ -14,13 +14,20 @@ pub(super) struct Gradients {
     base: Vec<Vec4>,
     /// In clip space: x, y, w of each vertex (depth carries none).
     clip: Vec<Vec3>,
-    /// In world space.
+    /// In world space, in the rest pose.
     pub(super) positions: Vec<Vec3>,
 }
 
 impl Gradients {
     /// Carries `image`, the gradient at the antialiased pixels within `frame.rect`, to the vertices.
-    pub(super) fn run(&mut self, low: &LowPoly, view_projection: &Mat4, frame: &Frame, image: &[Vec4]) {
+    pub(super) fn run(
+        &mut self,
+        low: &LowPoly,
+        view_projection: &Mat4,
+        pose: Option<usize>,
+        frame: &Frame,
+        image: &[Vec4],
+    ) {
         self.clip.clear();
         self.clip.resize(low.positions.len(), Vec3::ZERO);
         self.unblend(frame, image);
@@ -29,6 +36,11 @@ impl Gradients {
         self.positions.clear();
         let to_world = |g: &Vec3| (transposed * Vec4::new(g.x, g.y, 0.0, g.z)).xyz();
         self.positions.extend(self.clip.iter().map(to_world));
+        if let Some(motions) = low.motions.of(pose) {
+            for (gradient, motion) in self.positions.iter_mut().zip(motions) {
+                *gradient = motion.matrix3.transpose() * *gradient;
+            }
+        }
     }
 
     fn unblend(&mut self, frame: &Frame, image: &[Vec4]) {

@@ -129,7 +129,7 @@ impl<'a> Split<'a> {
             .map_init(
                 || Frame::new(self.held_out[0].picture.size),
                 |frame, (view, rect)| {
-                    frame.render(low, &view.camera, *rect);
+                    frame.render(low, &view.camera, view.pose, *rect);
                     squared_error(frame, &view.picture, 1.0) / (3 * frame.size * frame.size) as f64
                 },
             )
@@ -173,9 +173,10 @@ fn descend(
         let shared = &*low;
         lanes.par_iter_mut().zip(chosen).with_max_len(1).for_each(|(lane, i)| {
             let (view, rect) = (split.fitted[i], split.fitted_rects[i]);
-            lane.frame.render(shared, &view.camera, rect);
+            lane.frame.render(shared, &view.camera, view.pose, rect);
             lane.loss.run(&lane.frame, &view.picture, background, GRADIENT_WEIGHT);
-            lane.gradients.run(shared, &view.camera.view_projection, &lane.frame, &lane.loss.gradient);
+            let (matrix, pose) = (&view.camera.view_projection, view.pose);
+            lane.gradients.run(shared, matrix, pose, &lane.frame, &lane.loss.gradient);
         });
         let mut gradient: Vec<Vec3> = vec![Vec3::ZERO; origin.len()];
         for lane in &lanes {

@@ -90,9 +90,8 @@ impl Frame {
     }
 
     /// Visibility alone: ids, depth and barycentric coefficients. `source` are the pixels that the source covers.
-    pub(super) fn rasterise(&mut self, low: &LowPoly, camera: &Camera, source: Rect) {
-        self.clip.clear();
-        self.clip.extend(low.positions.iter().map(|p| camera.view_projection * p.extend(1.0)));
+    pub(super) fn rasterise(&mut self, low: &LowPoly, camera: &Camera, pose: Option<usize>, source: Rect) {
+        low.motions.project(&low.positions, camera, pose, &mut self.clip);
         let own = Rect::around(&self.clip, self.size, 2);
         self.rect = Rect {
             x0: own.x0.min(source.x0),
@@ -108,8 +107,8 @@ impl Frame {
     }
 
     /// The whole forward pass.
-    pub(super) fn render(&mut self, low: &LowPoly, camera: &Camera, source: Rect) {
-        self.rasterise(low, camera, source);
+    pub(super) fn render(&mut self, low: &LowPoly, camera: &Camera, pose: Option<usize>, source: Rect) {
+        self.rasterise(low, camera, pose, source);
         self.shade(low);
         self.find_blends(low);
         self.blend();

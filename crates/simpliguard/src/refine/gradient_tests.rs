@@ -1,14 +1,14 @@
 //! Gradients against central differences, on a smooth convex scene: a sphere with a smooth texture, fitted to a picture
 //! of a larger, shifted one.
 
-use glam::{Vec2, Vec3, Vec4};
+use glam::{Affine3A, Vec2, Vec3, Vec4};
 
 use super::LowPoly;
 use super::backward::Gradients;
 use super::forward::Frame;
 use super::loss::Loss;
 use crate::mesh::TriMesh;
-use crate::render::{Camera, Frame as Framing, Picture, Rect};
+use crate::render::{Camera, Frame as Framing, Motions, Picture, Rect};
 use crate::unwrap::Atlas;
 
 const SIZE: usize = 256;
@@ -65,14 +65,14 @@ fn target() -> Picture {
     let mut shifted = sphere(8);
     shifted.positions.iter_mut().for_each(|p| *p = *p * 1.06 + Vec3::new(0.03, -0.02, 0.0));
     let mut frame = Frame::new(SIZE);
-    frame.render(&shifted, &camera(), all());
+    frame.render(&shifted, &camera(), None, all());
     let pixels = frame.image.iter().map(|c| (*c * 255.0 + 0.5).to_array().map(|c| c as u8)).collect();
     Picture { size: SIZE, pixels }
 }
 
 fn loss(low: &LowPoly, target: &Picture, background: f32, lambda: f32) -> (f64, Frame, Loss) {
     let mut frame = Frame::new(SIZE);
-    frame.render(low, &camera(), all());
+    frame.render(low, &camera(), None, all());
     let mut loss = Loss::default();
     let value = loss.run(&frame, target, background, lambda);
     (value, frame, loss)
@@ -83,7 +83,7 @@ fn compare(background: f32, lambda: f32) -> (f64, f64) {
     let (mut low, target) = (sphere(4), target());
     let (_, frame, run) = loss(&low, &target, background, lambda);
     let mut gradients = Gradients::default();
-    gradients.run(&low, &camera().view_projection, &frame, &run.gradient);
+    gradients.run(&low, &camera().view_projection, None, &frame, &run.gradient);
     let mut order: Vec<usize> = (0..low.positions.len()).collect();
     let length = |v: &usize| gradients.positions[*v].length();
     order.sort_by(|a, b| length(b).total_cmp(&length(a)));
@@ -118,10 +118,35 @@ fn vertex_gradients_point_along_central_differences() {
 }
 
 #[test]
+fn gradients_in_a_pose_are_those_at_rest_turned_back() {
+    let target = target();
+    let gradients = |low: &LowPoly, pose| {
+        let mut frame = Frame::new(SIZE);
+        frame.render(low, &camera(), pose, all());
+        let mut loss = Loss::default();
+        loss.run(&frame, &target, 1.0, 0.5);
+        let mut gradients = Gradients::default();
+        gradients.run(low, &camera().view_projection, pose, &frame, &loss.gradient);
+        gradients.positions
+    };
+    let still = sphere(4);
+    // The same sphere lying on its side and twice as large at rest, which the pose sets upright.
+    let stand = Affine3A::from_scale(Vec3::splat(0.5)) * Affine3A::from_rotation_x(std::f32::consts::FRAC_PI_2);
+    let mut lying = still.clone().with_motions(Motions::new(vec![vec![stand; still.positions.len()]]));
+    lying.positions.iter_mut().for_each(|p| *p = stand.inverse().transform_point3(*p));
+    let (expected, found) = (gradients(&still, None), gradients(&lying, Some(0)));
+    let largest = expected.iter().map(|g| g.length()).fold(0.0, f32::max);
+    for (g, e) in found.iter().zip(&expected) {
+        let back = stand.matrix3.transpose() * *e;
+        assert!(g.distance(back) < 0.02 * largest, "{g} {back}");
+    }
+}
+
+#[test]
 fn the_loss_of_a_picture_against_itself_is_its_rounding() {
     let low = sphere(8);
     let mut frame = Frame::new(SIZE);
-    frame.render(&low, &camera(), all());
+    frame.render(&low, &camera(), None, all());
     let pixels = frame.image.iter().map(|c| (*c * 255.0 + 0.5).to_array().map(|c| c as u8)).collect();
     let value = loss(&low, &Picture { size: SIZE, pixels }, 1.0, 0.5).0;
     assert!(value < 1e-4, "{value}");

@@ -3,6 +3,7 @@ use std::collections::HashMap;
 use glam::{Vec2, Vec3, Vec4};
 
 use crate::mesh::TriMesh;
+use crate::render::Motions;
 use crate::unwrap::Atlas;
 
 /// No triangle lies across an edge.
@@ -27,6 +28,8 @@ pub struct LowPoly {
     pub texels: Vec<Vec4>,
     /// Texels that some triangle covers.
     pub covered: Vec<bool>,
+    /// How the vertices move into the poses of the views.
+    pub motions: Motions,
 }
 
 impl LowPoly {
@@ -48,7 +51,13 @@ impl LowPoly {
             size,
             texels,
             covered,
+            motions: Motions::default(),
         }
+    }
+
+    /// The same mesh on its bones.
+    pub fn with_motions(self, motions: Motions) -> Self {
+        Self { motions, ..self }
     }
 
     /// The same mesh with another texture of `size` x `size` texels.

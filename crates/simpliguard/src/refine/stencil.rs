@@ -69,7 +69,7 @@ fn assemble(low: &LowPoly, views: &[&View], rects: &[Rect]) -> Vec<Row> {
 }
 
 fn add_view(low: &LowPoly, view: &View, rect: Rect, frame: &mut Frame, rim: &mut [bool], rows: &mut [Row]) {
-    frame.rasterise(low, &view.camera, rect);
+    frame.rasterise(low, &view.camera, view.pose, rect);
     frame.find_blends(low);
     for blend in &frame.blends {
         rim[blend.near as usize] = true;

@@ -61,7 +61,12 @@ impl<'a> Renderer<'a> {
 
     /// The model from `camera`.
     pub fn draw(&mut self, camera: &Camera, light: Light) -> Picture {
-        let clip = camera.project(&self.sampler.model().surface.positions);
+        self.draw_moved(&self.sampler.model().surface.positions, camera, light)
+    }
+
+    /// The model from `camera`, its vertices at `positions`. Light falls as if they had not moved.
+    pub fn draw_moved(&mut self, positions: &[Vec3], camera: &Camera, light: Light) -> Picture {
+        let clip = camera.project(positions);
         let rect = Rect::around(&clip, self.raster.size, self.samples).aligned(self.samples);
         self.raster.clear(rect);
         for y in rect.rows() {

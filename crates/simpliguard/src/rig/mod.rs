@@ -7,21 +7,30 @@
 //! weights, so that weights stay between those around them and sum to one. [`Transfer::NearestVertices`] is the
 //! formula of SimpliGuard, section 3.5, normalised.
 //!
-//! Both work in the rest pose and keep the four largest influences. Limits: surfaces that touch in the rest pose and
-//! face the same way cannot be told apart; vertices are not moved, so folds at sharp bends are as good as the level's
-//! edges there.
+//! Both work in the rest pose and keep the four largest influences. Parts of the source that are not connected are told
+//! apart where they touch (`parts`); folds of one part that touch in the rest pose and face the same way are not.
+//!
+//! A few frames of the source's clips, chosen to stand for all of them ([`Poses`]), go with the rest pose through every
+//! later decision: what can be seen, which edges collapse, which candidate wins, where vertices and texels end up.
 
 mod inpaint;
 mod kd_tree;
+mod motion;
 mod nearest;
+mod parts;
+mod poses;
 mod surface;
 mod weights;
 
 use glam::Vec3;
 
-use crate::Bvh;
 use crate::mesh::TriMesh;
-use crate::model::{Influences, Model};
+use crate::model::Influences;
+
+pub use motion::Skinning;
+pub(crate) use motion::{bind_spaces, is_invertible, to_bind_space};
+pub use parts::Donor;
+pub use poses::Poses;
 
 /// How influences are found.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -60,21 +69,20 @@ pub struct TransferReport {
     pub forced: usize,
 }
 
-/// Influences for each vertex of `mesh`, a level in the rest pose with unit vertex normals. `bvh` holds the triangles
-/// of `model.surface`. Empty for a model without bones; otherwise every vertex has at least one influence.
+/// Influences for each vertex of `mesh`, a level in the rest pose with unit vertex normals. Empty for a model without bones; otherwise every vertex has at least one influence.
 pub fn transfer(
-    model: &Model,
-    bvh: &Bvh,
+    donor: &Donor<'_>,
     mesh: &TriMesh,
     normals: &[Vec3],
     method: Transfer,
 ) -> (Vec<Influences>, TransferReport) {
+    let model = donor.model;
     if model.rig.is_none() || model.surface.influences.is_empty() {
         return (Vec::new(), TransferReport::default());
     }
     match method {
         Transfer::ClosestSurface { max_distance, max_angle } => {
-            closest_surface(model, bvh, mesh, normals, max_distance, max_angle)
+            closest_surface(donor, mesh, normals, max_distance, max_angle)
         }
         Transfer::NearestVertices { k } => {
             let influences = nearest::transfer(&model.surface, &mesh.positions, k);
@@ -84,19 +92,18 @@ pub fn transfer(
 }
 
 fn closest_surface(
-    model: &Model,
-    bvh: &Bvh,
+    donor: &Donor<'_>,
     mesh: &TriMesh,
     normals: &[Vec3],
     max_distance: f32,
     max_angle: f32,
 ) -> (Vec<Influences>, TransferReport) {
-    let (low, high) = crate::mesh::bounds(&model.surface.positions);
+    let (low, high) = crate::mesh::bounds(&donor.model.surface.positions);
     let limits = surface::Limits {
         distance: max_distance * (high - low).length(),
         cosine: libm::cosf(max_angle.clamp(0.0, 180.0).to_radians()),
     };
-    let samples = surface::sample(model, bvh, &mesh.positions, normals, limits);
+    let samples = surface::sample(donor, mesh, normals, limits);
     let matched: Vec<bool> = samples.iter().map(|s| s.is_match).collect();
     let forced = inpaint::unreachable(mesh, &matched);
     let known: Vec<bool> = matched.iter().zip(&forced).map(|(m, f)| m | f).collect();
@@ -111,7 +118,8 @@ fn closest_surface(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::{AlphaMode, Document, Material, Rig, Surface};
+    use crate::Bvh;
+    use crate::model::{AlphaMode, Document, Material, Model, Rig, Surface};
     use proptest::prelude::*;
 
     /// A strip of quads along x, one unit each, from bone 0 at its start to bone 1 at its end.
@@ -143,7 +151,7 @@ mod tests {
             surface,
             materials: vec![Material::default()],
             textures: Vec::new(),
-            rig: Some(Rig { bones: Vec::new(), source_skin: None }),
+            rig: Some(Rig { bones: Vec::new(), source_skin: None, poses: Vec::new() }),
             document: Document::default(),
             notes: Vec::new(),
         }
@@ -151,7 +159,7 @@ mod tests {
 
     fn run(model: &Model, mesh: &TriMesh, normals: &[Vec3], method: Transfer) -> (Vec<Influences>, TransferReport) {
         let bvh = Bvh::new(&model.surface.positions, &model.surface.triangles);
-        transfer(model, &bvh, mesh, normals, method)
+        transfer(&Donor::new(model, &bvh), mesh, normals, method)
     }
 
     fn points(positions: &[Vec3]) -> TriMesh {

@@ -275,6 +275,8 @@ settings! {
     watertight: bool = always(false), Limit::None, [Shape];
     /// How a level gets its joint weights.
     skin_transfer: SkinTransfer = always(SkinTransfer::ClosestSurface), Limit::None, [Rig];
+    /// Number of frames of the source's clips that levels are fitted to besides the rest pose; 0 fits the rest pose alone.
+    poses: u32 = by_quality(2, 4, 6), Limit::Between(0.0, 16.0), [Reconstruct, Shape, Texture, Refine];
     /// Side of each level's square textures, in texels; levels of at most 1,000 faces get half of it.
     texture_size: u32 = always(1024), Limit::PowerOfTwo(64, 4096), [Unwrap, Texture, Refine];
     /// Distance between charts, in texels.
@@ -459,7 +461,7 @@ mod tests {
     fn a_quality_counts_by_its_values() {
         let best = BakeSettings::preset(Quality::Best);
         let mut spelled = BakeSettings::preset(Quality::Draft);
-        (spelled.views, spelled.refine_steps) = (best.views, best.refine_steps);
+        (spelled.poses, spelled.views, spelled.refine_steps) = (best.poses, best.views, best.refine_steps);
         assert_eq!(best.canonical_bake(), spelled.canonical_bake());
     }
 
@@ -469,6 +471,6 @@ mod tests {
         assert_eq!(fields.len(), NAMES.len());
         assert!(fields.iter().all(|f| !f.doc.is_empty() && !f.accepts.is_empty()));
         let presets: Vec<_> = fields.iter().filter(|f| f.is_preset()).map(|f| f.name).collect();
-        assert_eq!(presets, ["views", "refine_steps"]);
+        assert_eq!(presets, ["poses", "views", "refine_steps"]);
     }
 }

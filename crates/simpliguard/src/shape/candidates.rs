@@ -9,16 +9,17 @@ use rayon::prelude::*;
 
 use crate::mesh::TriMesh;
 use crate::render::raster::{barycentric_at, barycentric_coefficients, pixel_to_ndc};
-use crate::render::{NOTHING, Raster, Rect, View};
+use crate::render::{Motions, NOTHING, Raster, Rect, View};
 
 /// Cells over the whole mesh.
 const CELLS: usize = 65_536;
 /// Weight of the squared coverage error against those of the three colours.
 const COVERAGE_WEIGHT: f32 = 1.5;
 
-/// Mean squared error per pixel over `views` with the best colour in each cell, 0 to about 4.
-pub(super) fn render_error(mesh: &TriMesh, double_sided: bool, views: &[&View]) -> f64 {
-    let painter = Painter::new(mesh, double_sided);
+/// Mean squared error per pixel over `views` with the best colour in each cell, 0 to about 4. `motions` move the mesh
+/// into the poses of the views.
+pub(super) fn render_error(mesh: &TriMesh, motions: &Motions, double_sided: bool, views: &[&View]) -> f64 {
+    let painter = Painter::new(mesh, motions, double_sided);
     // Sums over views in a fixed order: one partial sum per chunk, however many threads there are.
     let sums = views
         .par_chunks(views.len().div_ceil(4).max(1))
@@ -55,15 +56,16 @@ pub(super) fn render_error(mesh: &TriMesh, double_sided: bool, views: &[&View]) 
 
 struct Painter<'a> {
     mesh: &'a TriMesh,
+    motions: &'a Motions,
     double_sided: bool,
     /// Cells along the side of a face's square of barycentric coordinates.
     side: usize,
 }
 
 impl<'a> Painter<'a> {
-    fn new(mesh: &'a TriMesh, double_sided: bool) -> Self {
+    fn new(mesh: &'a TriMesh, motions: &'a Motions, double_sided: bool) -> Self {
         let side = (CELLS as f64 / mesh.triangles.len().max(1) as f64).sqrt() as usize;
-        Self { mesh, double_sided, side: side.clamp(2, 8) }
+        Self { mesh, motions, double_sided, side: side.clamp(2, 8) }
     }
 
     fn cells(&self) -> usize {
@@ -73,7 +75,8 @@ impl<'a> Painter<'a> {
     /// Visits every pixel that the mesh or the source covers: the cell seen there, if any, and the source's pixel.
     fn for_each_pixel(&self, view: &View, mut visit: impl FnMut(Option<usize>, Vec4)) {
         let size = view.picture.size;
-        let clip = view.camera.project(&self.mesh.positions);
+        let mut clip = Vec::new();
+        self.motions.project(&self.mesh.positions, &view.camera, view.pose, &mut clip);
         let mut raster = Raster::new(size);
         raster.draw(&clip, &self.mesh.triangles, |_| self.double_sided);
         let coefficients: Vec<_> =

@@ -73,7 +73,7 @@ impl Foliage {
         if leaves.len() < LEAVES {
             return None;
         }
-        let pixels = visibility::visible_pixels(&mesh, &inputs.frame, &|_| true);
+        let pixels = visibility::visible_pixels(&mesh, &inputs.frame, super::DIRECTIONS, &|_| true);
         let mut leaf = vec![false; mesh.triangles.len()];
         leaves.iter().flatten().for_each(|&t| leaf[t as usize] = true);
         let count =

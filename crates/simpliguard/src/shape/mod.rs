@@ -11,25 +11,29 @@ mod candidates;
 mod collapse;
 mod deviation;
 mod foliage;
+mod layers;
 mod quadric;
 mod solid;
 mod visibility;
 mod weld;
 
-use glam::Vec3;
+use glam::{Affine3A, Vec3};
 use rayon::prelude::*;
 
 use crate::mesh::{TriMesh, self_intersecting};
 use crate::model::Model;
-use crate::reconstruct::{self, reconstruct};
-use crate::render::{Frame, View};
-use crate::{Context, Error, StageId};
+use crate::reconstruct;
+use crate::render::{Frame, Motions, View};
+use crate::rig::{self, Donor, Poses, Transfer};
+use crate::{Bvh, Context, Error, StageId};
 use collapse::Simplifier;
 
 pub use deviation::{Deviation, deviation};
 pub use foliage::{Cards, NO_CARD};
 pub use solid::Solid;
 
+/// Directions that a mesh in the rest pose is looked at from.
+const DIRECTIONS: usize = 72;
 /// Faces kept, as a multiple of the largest budget, when enclosed faces are looked for.
 const ENCLOSED_AT: usize = 4;
 /// Rings of unseen faces kept around seen ones.
@@ -110,12 +114,28 @@ pub struct Shape {
 pub struct Inputs<'a> {
     /// The source.
     pub model: &'a Model,
+    /// Over its triangles.
+    pub bvh: &'a Bvh,
+    /// Where influences come from.
+    pub donor: &'a Donor<'a>,
     /// Its triangles that can be seen at all.
     pub solid: &'a Solid,
     /// Around the source.
     pub frame: Frame,
-    /// The source's pictures.
+    /// The source's pictures, in the rest pose and in `poses`.
     pub views: &'a [View],
+    /// The poses that its clips put it in.
+    pub poses: Option<&'a Poses<'a>>,
+}
+
+impl Inputs<'_> {
+    /// How a mesh in the rest pose moves with the source's bones.
+    fn motions(&self, mesh: &TriMesh) -> Motions {
+        self.poses.map_or_else(Motions::default, |poses| {
+            let method = Transfer::default();
+            poses.motions(&rig::transfer(self.donor, mesh, &mesh.vertex_normals(), method).0)
+        })
+    }
 }
 
 /// Finds the best shape for each budget, in their order.
@@ -243,7 +263,8 @@ fn walk_all(
             if faces == 0 || faces > budget as usize {
                 continue;
             }
-            shape.render_error = candidates::render_error(&shape.mesh, shape.double_sided, &judges);
+            let motions = inputs.motions(&shape.mesh);
+            shape.render_error = candidates::render_error(&shape.mesh, &motions, shape.double_sided, &judges);
             shape.self_intersecting = tangled_faces(&shape.mesh);
             let Shape { road, render_error: error, self_intersecting: tangled, .. } = &shape;
             tracing::debug!(%road, budget, faces, error, tangled, "candidate");
@@ -279,8 +300,12 @@ fn collapse_dense(
     if params.remove_invisible {
         simplifier.drop_negligible_components(largest, NEGLIGIBLE_FACES);
         simplifier.run(ENCLOSED_AT * largest);
-        let unit_frame = Frame { centre: Vec3::ZERO, radius: 1.0 };
-        simplifier.remove_faces(&visibility::enclosed(&simplifier.mesh(), &unit_frame, double_sided));
+        simplifier.remove_faces(&enclosed(inputs, &simplifier.mesh(), double_sided));
+    } else if inputs.poses.is_some() {
+        simplifier.run(ENCLOSED_AT * largest);
+    }
+    if let Some(poses) = inputs.poses {
+        simplifier.follow(poses.count(), |unit| motions_in_unit_sphere(inputs, poses, unit));
     }
     // Parts of a source may pass through each other: collapses cannot mend that, and would be stuck on it.
     let down = |simplifier: &mut Simplifier| down_to_budgets(simplifier, inputs, params, road, double_sided);
@@ -320,6 +345,23 @@ fn down_to_budgets(
     shapes
 }
 
+/// Motions of points in the unit sphere, there.
+fn motions_in_unit_sphere(inputs: &Inputs<'_>, poses: &Poses<'_>, unit: &[Vec3]) -> Motions {
+    let Frame { centre, radius } = inputs.frame;
+    let positions: Vec<Vec3> = unit.iter().map(|p| *p * radius + centre).collect();
+    let from_unit = Affine3A::from_translation(centre) * Affine3A::from_scale(Vec3::splat(radius));
+    poses.motions_by_closest_point(inputs.bvh, &positions).rebased(from_unit)
+}
+
+/// Which faces of a mesh in the unit sphere nothing sees: no camera in motion, and no ray from them at rest gets out.
+fn enclosed(inputs: &Inputs<'_>, unit: &TriMesh, double_sided: bool) -> Vec<bool> {
+    let mesh = from_unit_sphere(unit.clone(), &inputs.frame);
+    let mut enclosed: Vec<bool> =
+        pixels_in_motion(inputs, &mesh, &|_| double_sided).into_iter().map(|pixels| pixels == 0).collect();
+    visibility::keep_enclosed(&mut enclosed, unit, &Frame { centre: Vec3::ZERO, radius: 1.0 }, double_sided);
+    enclosed
+}
+
 /// A mesh before its collapse, and how many pixels see each face.
 struct Dense {
     mesh: TriMesh,
@@ -331,7 +373,7 @@ fn dense(inputs: &Inputs<'_>, params: &Params, road: Road) -> Dense {
     let solid = inputs.solid;
     let (mesh, two_sided): (TriMesh, Vec<bool>) = match road {
         Road::Reconstruction(p) => {
-            let mesh = reconstruct(&solid.mesh.positions, &solid.mesh.triangles, &solid.bvh, &p);
+            let mesh = layers::wrap(inputs, &p);
             let faces = mesh.triangles.len();
             (mesh, vec![false; faces])
         }
@@ -343,7 +385,7 @@ fn dense(inputs: &Inputs<'_>, params: &Params, road: Road) -> Dense {
             (mesh, two_sided.collect())
         }
     };
-    let pixels = visibility::visible_pixels(&mesh, &inputs.frame, &|t| two_sided[t]);
+    let pixels = visible_pixels(inputs, &mesh, &|t| two_sided[t]);
     let sided = pixels.iter().zip(&two_sided).filter(|(_, two)| **two).map(|(&n, _)| u64::from(n)).sum::<u64>();
     let double_sided = 2 * sided > pixels.iter().map(|&n| u64::from(n)).sum::<u64>();
     if !params.remove_invisible || pixels.iter().all(|&n| n == 0) {
@@ -354,6 +396,27 @@ fn dense(inputs: &Inputs<'_>, params: &Params, road: Road) -> Dense {
     let kept = weld::cut(&mesh.filtered(|t| seen[t]));
     let pixels = pixels.iter().zip(&seen).filter(|(_, seen)| **seen).map(|(&n, _)| n).collect();
     Dense { mesh: kept, pixels, double_sided }
+}
+
+/// Pixels that see each face, at rest and, half as many, in motion.
+fn visible_pixels(inputs: &Inputs<'_>, mesh: &TriMesh, double_sided: &(impl Fn(usize) -> bool + Sync)) -> Vec<u32> {
+    let mut pixels = visibility::visible_pixels(mesh, &inputs.frame, DIRECTIONS, double_sided);
+    let moving = pixels_in_motion(inputs, mesh, double_sided);
+    pixels.iter_mut().zip(moving).for_each(|(sum, n)| *sum += n);
+    pixels
+}
+
+/// Pixels that see each face in the poses, from half as many directions as at rest over all of them.
+fn pixels_in_motion(inputs: &Inputs<'_>, mesh: &TriMesh, double_sided: &(impl Fn(usize) -> bool + Sync)) -> Vec<u32> {
+    let mut pixels = vec![0; mesh.triangles.len()];
+    let Some(poses) = inputs.poses else { return pixels };
+    let directions = (DIRECTIONS / 2).div_ceil(poses.count());
+    for posed in poses.posed(mesh, &poses.motions_by_closest_point(inputs.bvh, &mesh.positions)) {
+        let frame = Frame::around(&posed.positions);
+        let seen = visibility::visible_pixels(&posed, &frame, directions, double_sided);
+        pixels.iter_mut().zip(seen).for_each(|(sum, n)| *sum += n);
+    }
+    pixels
 }
 
 fn to_unit_sphere(mesh: &TriMesh, frame: &Frame) -> TriMesh {

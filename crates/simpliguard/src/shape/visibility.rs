@@ -13,21 +13,20 @@ use crate::render::{Camera, Frame, NOTHING, Raster, Rect, fibonacci_directions};
 
 /// Side of the identity buffer in pixels.
 const SIZE: usize = 640;
-/// Directions to look from.
-const DIRECTIONS: usize = 72;
 /// Points on a face and rays from each.
 const POINTS: [[f32; 3]; 4] = [[0.34, 0.33, 0.33], [0.7, 0.15, 0.15], [0.15, 0.7, 0.15], [0.15, 0.15, 0.7]];
 const RAYS: usize = 48;
 
-/// Pixels that each face covers over all directions. Back faces count where `double_sided(t)`.
+/// Pixels that each face covers over all of `directions`. Back faces count where `double_sided(t)`.
 pub(super) fn visible_pixels(
     mesh: &TriMesh,
     frame: &Frame,
+    directions: usize,
     double_sided: &(impl Fn(usize) -> bool + Sync),
 ) -> Vec<u32> {
     // Not the lattice the views use, so that the two do not share their blind spots.
     let turn = glam::Quat::from_xyzw(0.18, 0.37, 0.26, 0.87).normalize();
-    let directions = fibonacci_directions(DIRECTIONS);
+    let directions = fibonacci_directions(directions);
     let count = |(mut raster, mut pixels): (Raster, Vec<u32>), direction: &Vec3| {
         let camera = Camera::orbit(frame, (turn * *direction).normalize(), 0.6, 1.0);
         let clip: Vec<Vec4> = camera.project(&mesh.positions);
@@ -66,26 +65,23 @@ pub(super) fn grow(mesh: &TriMesh, faces: &mut [bool], rings: usize) {
     }
 }
 
-/// For each face whether none of its rays escapes the mesh: `H = 0` in the paper. With `two_sided` both hemispheres count.
-pub(super) fn enclosed(mesh: &TriMesh, frame: &Frame, two_sided: bool) -> Vec<bool> {
+/// Keeps those `faces` none of whose rays escapes the mesh: `H = 0` in the paper. With `two_sided` both hemispheres count.
+pub(super) fn keep_enclosed(faces: &mut [bool], mesh: &TriMesh, frame: &Frame, two_sided: bool) {
     let bvh = Bvh::new(&mesh.positions, &mesh.triangles);
     let directions = fibonacci_directions(2 * RAYS);
     let lift = frame.radius * 1e-4;
     let escapes = |p: Vec3, n: Vec3| {
         directions.iter().filter(|d| d.dot(n) > 0.05).any(|&d| !bvh.occluded(p + n * lift, d, 4.0 * frame.radius))
     };
-    (0..mesh.triangles.len())
-        .into_par_iter()
-        .with_min_len(64)
-        .map(|t| {
-            let [a, b, c] = mesh.corners(t);
-            let n = mesh.area_vector(t).normalize_or_zero();
-            !POINTS.iter().any(|[u, v, w]| {
-                let p = a * *u + b * *v + c * *w;
-                escapes(p, n) || (two_sided && escapes(p, -n))
-            })
+    let sees_out = |t: usize| {
+        let [a, b, c] = mesh.corners(t);
+        let n = mesh.area_vector(t).normalize_or_zero();
+        POINTS.iter().any(|[u, v, w]| {
+            let p = a * *u + b * *v + c * *w;
+            escapes(p, n) || (two_sided && escapes(p, -n))
         })
-        .collect()
+    };
+    faces.par_iter_mut().enumerate().with_min_len(64).for_each(|(t, face)| *face = *face && !sees_out(t));
 }
 
 #[cfg(test)]
@@ -106,13 +102,15 @@ mod tests {
     fn rays_do_not_leave_a_closed_shell() {
         let mesh = nested();
         let frame = Frame::around(&mesh.positions);
-        assert_eq!(enclosed(&mesh, &frame, false), [true, true, true, true, false, false, false, false]);
+        let mut faces = [true, true, true, false, true, true, true, true];
+        keep_enclosed(&mut faces, &mesh, &frame, false);
+        assert_eq!(faces, [true, true, true, false, false, false, false, false]);
     }
 
     #[test]
     fn cameras_see_the_outer_shell_alone() {
         let mesh = nested();
-        let pixels = visible_pixels(&mesh, &Frame::around(&mesh.positions), &|_| false);
+        let pixels = visible_pixels(&mesh, &Frame::around(&mesh.positions), 72, &|_| false);
         assert!(pixels[..4].iter().all(|&n| n == 0) && pixels[4..].iter().all(|&n| n > 0), "{pixels:?}");
     }
 

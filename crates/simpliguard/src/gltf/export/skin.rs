@@ -16,14 +16,11 @@ use serde_json::json;
 use super::builder::{Builder, Component, Kind, Target};
 use super::fault;
 use crate::Error;
-use crate::mesh::DisjointSets;
 use crate::model::{Bone, Influences, Level, LevelMesh, Model, Rig};
+use crate::rig::{bind_spaces, is_invertible, to_bind_space};
 
 /// Most joints of a merged skin: engines hold the matrices of 256.
 const MAX_JOINTS: usize = 256;
-
-/// Smallest determinant, relative to the size of the matrix, at which a blend of joints is inverted.
-const MIN_DETERMINANT: f64 = 1e-9;
 
 /// Bones of the rig mapped to the joints of the skin that is written.
 pub(super) struct Binding {
@@ -94,9 +91,7 @@ impl Binding {
         for (b, bone) in rig.bones.iter().enumerate().filter(|&(b, _)| used[b]) {
             let same_node = out.joints.iter().position(|j| j.node == bone.node);
             if same_node.is_none() {
-                let first = &rig.bones[spaces.find(b)];
-                let space = first.rest_world.as_dmat4() * first.inverse_bind.as_dmat4();
-                let to_space = if is_invertible(&space) { space.inverse() } else { DMat4::IDENTITY };
+                let to_space = to_bind_space(rig, spaces.find(b));
                 let inverse_bind = affine((bone.inverse_bind.as_dmat4() * to_space).as_mat4());
                 out.joints.push(Joint::new(bone.node, inverse_bind, bone.rest_world));
             }
@@ -195,20 +190,6 @@ impl Binding {
     }
 }
 
-/// Bones that share vertices of the source, each set under its first bone.
-fn bind_spaces(rig: &Rig, source: &[Influences]) -> DisjointSets {
-    let mut sets = DisjointSets::new(rig.bones.len());
-    for influences in source {
-        for (&joint, &weight) in influences.joints.iter().zip(&influences.weights).skip(1) {
-            let (a, b) = (influences.joints[0] as usize, joint as usize);
-            if weight > 0.0 && a.max(b) < rig.bones.len() {
-                sets.join(a, b);
-            }
-        }
-    }
-    sets
-}
-
 fn used_bones(rig: &Rig, levels: &[Level]) -> Vec<bool> {
     let mut used = vec![false; rig.bones.len()];
     for influences in levels.iter().flat_map(|l| &l.mesh.influences) {
@@ -220,13 +201,6 @@ fn used_bones(rig: &Rig, levels: &[Level]) -> Vec<bool> {
         }
     }
     used
-}
-
-fn is_invertible(m: &DMat4) -> bool {
-    let linear = DMat3::from_mat4(*m);
-    let size = linear.x_axis.length().max(linear.y_axis.length()).max(linear.z_axis.length());
-    let determinant = linear.determinant().abs();
-    m.is_finite() && determinant > MIN_DETERMINANT * size.powi(3)
 }
 
 /// The last row exactly (0, 0, 0, 1), as glTF asks of inverse bind matrices.

@@ -157,7 +157,7 @@ fn two_bones(source_skin: Option<usize>) -> Model {
         mesh_nodes: vec![3],
         node_world: vec![Mat4::IDENTITY; 4],
     };
-    Model { rig: Some(Rig { bones, source_skin }), document, ..Model::empty("hand") }
+    Model { rig: Some(Rig { bones, source_skin, poses: Vec::new() }), document, ..Model::empty("hand") }
 }
 
 fn base_color(alpha: u8) -> RgbaImage {

@@ -11,6 +11,7 @@
 mod accessor;
 mod asset;
 mod clean;
+mod clips;
 mod container;
 mod extensions;
 mod images;
@@ -107,6 +108,7 @@ pub fn import(source: &Source<'_>, limits: &Limits) -> Result<Model, Error> {
 
     let mut notes = notes(reader, &tree, &assembly, dropped);
     notes.extend(materials.notes);
+    notes.extend(skeleton.notes);
     let used: Vec<usize> = used.into_iter().flatten().collect();
     notes.extend(extensions::dropped_material_extensions(&json, &used));
     notes.extend(external.iter().enumerate().filter_map(|(image, external)| match external {

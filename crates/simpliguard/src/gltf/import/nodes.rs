@@ -13,6 +13,8 @@ pub(super) struct Tree {
     pub(super) world: Vec<Mat4>,
     /// The nodes of the default scene, ascending.
     pub(super) nodes: Vec<usize>,
+    /// The same, each behind its parent.
+    order: Vec<usize>,
     parent: Vec<Option<usize>>,
 }
 
@@ -23,6 +25,7 @@ impl Tree {
         let mut tree = Self {
             world: vec![Mat4::IDENTITY; root.nodes.len()],
             nodes: Vec::new(),
+            order: Vec::new(),
             parent: vec![None; root.nodes.len()],
         };
         let mut reached = vec![false; root.nodes.len()];
@@ -40,15 +43,26 @@ impl Tree {
                 return Err(asset.invalid(format!("node {index} has a transform that is not finite")));
             }
             tree.world[index] = world;
-            tree.nodes.push(index);
+            tree.order.push(index);
             for &child in &node.children {
                 asset.item(&root.nodes, child, "node")?;
                 tree.parent[child] = Some(index);
                 pending.push((child, world, depth + 1));
             }
         }
+        tree.nodes.clone_from(&tree.order);
         tree.nodes.sort_unstable();
         Ok(tree)
+    }
+
+    /// World matrix of each node with other local ones; identity outside the default scene.
+    pub(super) fn world_with(&self, local: impl Fn(usize) -> Mat4) -> Vec<Mat4> {
+        let mut world = vec![Mat4::IDENTITY; self.parent.len()];
+        for &node in &self.order {
+            let above = self.parent[node].map_or(Mat4::IDENTITY, |parent| world[parent]);
+            world[node] = above * local(node);
+        }
+        world
     }
 
     /// `node` and its ancestors, upwards.
@@ -93,7 +107,8 @@ fn scene_roots(asset: Asset<'_>, root: &Root<'_>) -> Result<Vec<usize>, Error> {
     Ok((0..root.nodes.len()).filter(|&node| !is_child[node]).collect())
 }
 
-fn local_matrix(node: &Node<'_>) -> Mat4 {
+/// A node's own transform in the rest pose.
+pub(super) fn local_matrix(node: &Node<'_>) -> Mat4 {
     if let Some(matrix) = node.matrix {
         return Mat4::from_cols_array(&matrix);
     }

@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use glam::Mat4;
 
 use super::accessor::Reader;
+use super::clips;
 use super::nodes::Tree;
 use super::schema::Primitive;
 use crate::Error;
@@ -18,6 +19,8 @@ pub(super) struct Skeleton {
     pub(super) skin_bones: Vec<Vec<u16>>,
     /// The bone of each node that carries unskinned triangles.
     pub(super) node_bones: BTreeMap<usize, u16>,
+    /// What was left out, in words.
+    pub(super) notes: Vec<String>,
 }
 
 /// Whether a primitive can hang on a skin.
@@ -63,7 +66,8 @@ impl Skeleton {
             }
         }
         reader.asset.within("the number of bones", bones.len(), u64::from(u16::MAX))?;
-        out.rig = Some(Rig { bones, source_skin });
+        let poses = clips::poses(reader, tree, &bones, &mut out.notes);
+        out.rig = Some(Rig { bones, source_skin, poses });
         Ok(out)
     }
 }

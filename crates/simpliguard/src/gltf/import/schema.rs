@@ -79,12 +79,22 @@ pub(super) struct SparseValues {
 pub(super) struct Animation<'a> {
     #[serde(borrow)]
     pub(super) channels: Vec<Channel<'a>>,
+    #[serde(borrow)]
+    pub(super) samplers: Vec<AnimationSampler<'a>>,
 }
 
 #[derive(Debug, Deserialize)]
 pub(super) struct Channel<'a> {
+    pub(super) sampler: Option<usize>,
     #[serde(borrow)]
     pub(super) target: ChannelTarget<'a>,
+}
+
+#[derive(Debug, Deserialize)]
+pub(super) struct AnimationSampler<'a> {
+    pub(super) input: Option<usize>,
+    pub(super) output: Option<usize>,
+    pub(super) interpolation: Option<&'a str>,
 }
 
 #[derive(Debug, Default, Deserialize)]

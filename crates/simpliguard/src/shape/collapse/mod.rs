@@ -9,6 +9,7 @@ mod adjacency;
 mod components;
 mod guard;
 mod link;
+mod motion;
 mod queue;
 #[cfg(test)]
 mod tests;
@@ -16,9 +17,10 @@ mod tests;
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
+use self::motion::InMotion;
+use self::queue::{Precision, Queue};
 use super::quadric::{Attribute, Planes, Quadric};
 use crate::mesh::{FaceTree, TriMesh};
-use queue::{Precision, Queue};
 
 /// End of a corner list, and a dead face's vertex.
 const NONE: u32 = u32::MAX;
@@ -47,6 +49,8 @@ pub(super) struct Simplifier {
     /// Raised whenever a vertex changes; an entry with another sum of stamps is out of date.
     stamps: Vec<u32>,
     queue: Queue<Entry>,
+    /// Error in other poses, once they are followed.
+    in_motion: Option<InMotion>,
     /// Where the faces are, once self-intersections matter.
     tree: Option<FaceTree>,
     /// A budget could only be met by faces that cross.
@@ -85,6 +89,12 @@ struct Rules {
     may_intersect: bool,
 }
 
+/// Where `p` projects onto the edge from `a` to `b`, 0 to 1.
+fn part_of_way(a: DVec3, b: DVec3, p: DVec3) -> f64 {
+    let way = b - a;
+    ((p - a).dot(way) / way.length_squared().max(f64::MIN_POSITIVE)).clamp(0.0, 1.0)
+}
+
 impl Simplifier {
     /// Takes a manifold mesh, with or without boundary. `weights` multiply each face's quadric in place of its area;
     /// `curvature` is the weight of the curvature constraint. Positions should fit the unit sphere.
@@ -101,6 +111,7 @@ impl Simplifier {
             boundary: Vec::new(),
             stamps: vec![0; vertices],
             queue: Queue::new(Precision::Coarse),
+            in_motion: None,
             tree: None,
             stuck: false,
             marks: vec![0; vertices],
@@ -256,12 +267,12 @@ impl Simplifier {
         let (middle, length) = ((a + b) * 0.5, a.distance(b));
         // On flats, where every place is as good, short edges go first.
         let tie = 1e-9 * length.powi(4);
-        if let Some(p) = quadric.minimum()
-            && p.distance(middle) < 2.0 * length
-        {
+        let in_motion = |p: DVec3| self.in_motion.as_ref().map_or(0.0, |m| m.error(u, v, part_of_way(a, b, p), p));
+        let minimum = quadric.minimum().filter(|p| p.distance(middle) < 2.0 * length);
+        if let Some(p) = minimum.filter(|_| self.in_motion.is_none()) {
             return (p, quadric.error(p) + tie);
         }
-        let candidates = [middle, a, b].map(|p| (p, quadric.error(p)));
+        let candidates = [minimum.unwrap_or(middle), middle, a, b].map(|p| (p, quadric.error(p) + in_motion(p)));
         let best = candidates.into_iter().reduce(|best, c| if c.1 < best.1 { c } else { best });
         best.map_or((middle, tie), |(p, error)| (p, error + tie))
     }
@@ -291,6 +302,10 @@ impl Simplifier {
         let (quadric, mass) = (self.quadric(v), self.mass[v as usize]);
         self.add_quadric(u, &quadric);
         self.mass[u as usize] += mass;
+        if let Some(in_motion) = &mut self.in_motion {
+            let t = part_of_way(self.positions[u as usize], self.positions[v as usize], place);
+            in_motion.merge(u, v, t);
+        }
         self.positions[u as usize] = place;
         let mut kept = std::mem::take(&mut self.kept);
         kept.clear();

@@ -1,5 +1,7 @@
 use super::*;
 use crate::mesh::{Topology, self_intersecting};
+use crate::render::Motions;
+use glam::Affine3A;
 use proptest::prelude::*;
 
 fn grid(n: u32, height: impl Fn(f32, f32) -> f32) -> TriMesh {
@@ -147,4 +149,26 @@ proptest! {
         prop_assert!(topology.is_manifold() && topology.degenerate == 0, "{:?}", topology);
         prop_assert!(out.triangles.len() <= target && out.triangles.len() + 2 >= target.min(200));
     }
+}
+
+#[test]
+fn an_edge_that_only_bends_in_motion_is_kept() {
+    let mut simplifier = Simplifier::new(&grid(8, |_, _| 0.0), &areas(&grid(8, |_, _| 0.0)), 0.0);
+    // At rest a square; in motion the half beyond x = 1/2 turns up about that line.
+    simplifier.follow(1, |positions| {
+        let turn = |p: &Vec3| {
+            let turn = if p.x > 0.5 { Affine3A::from_rotation_y(-1.0) } else { Affine3A::IDENTITY };
+            Affine3A::from_translation(Vec3::X * 0.5) * turn * Affine3A::from_translation(Vec3::X * -0.5)
+        };
+        Motions::new(vec![positions.iter().map(turn).collect()])
+    });
+    assert_eq!(simplifier.run(6), 6);
+    let mesh = simplifier.mesh();
+    let on_hinge = mesh.positions.iter().filter(|p| (p.x - 0.5).abs() < 1e-6).count();
+    assert!(on_hinge >= 2, "{:?}", mesh.positions);
+    let crosses = |t: usize| {
+        let x = mesh.corners(t).map(|p| p.x - 0.5);
+        x.iter().any(|x| *x > 1e-6) && x.iter().any(|x| *x < -1e-6)
+    };
+    assert!((0..6).all(|t| !crosses(t)), "{mesh:?}");
 }

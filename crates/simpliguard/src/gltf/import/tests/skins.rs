@@ -148,3 +148,39 @@ fn a_flattened_node_hangs_on_its_nearest_ancestor_that_can_be_inverted() {
     assert_eq!(model.rig.as_ref().expect("a rig").bones[0].node, 1);
     assert_eq!(model.surface.positions[0], vec3(0.0, 3.0, 0.0));
 }
+
+#[test]
+fn frames_of_clips_become_poses_of_the_bones() {
+    let mut file = skinned(&[[0, 1, 0, 0]; 3], &[[0.25, 0.75, 0.0, 0.0]; 3]);
+    let times = file.accessor(F32, "SCALAR", &[1.0f32, 9.0]);
+    let heights = file.accessor(F32, "VEC3", &[[1.0f32, 0.0, 0.0], [1.0, 8.0, 0.0]]);
+    let channel = json!({"sampler": 0, "target": {"node": 1, "path": "translation"}});
+    file.push("animations", json!({"channels": [channel], "samplers": [{"input": times, "output": heights}]}));
+    let rig = file.model().rig.expect("a rig");
+    // The joint moved, and its child with it, at eighths of the clip.
+    assert_eq!((rig.poses.len(), rig.poses[3].frame), (8, Some((0, 4.0))));
+    assert_eq!(rig.poses[3].world[0].w_axis.truncate(), vec3(1.0, 3.0, 0.0));
+    assert_eq!(rig.poses[3].world[1].w_axis.truncate(), vec3(3.0, 3.0, 0.0));
+}
+
+#[test]
+fn a_clip_that_cannot_be_read_is_noted_and_does_no_harm() {
+    let mut file = skinned(&[[0, 1, 0, 0]; 3], &[[0.25, 0.75, 0.0, 0.0]; 3]);
+    let channel = json!({"sampler": 0, "target": {"node": 1, "path": "translation"}});
+    file.push("animations", json!({"channels": [channel], "samplers": [{"input": 77, "output": 78}]}));
+    let model = file.model();
+    assert_eq!(model.rig.expect("a rig").poses, []);
+    assert!(model.notes[0].starts_with("clip 0 is left out of the poses"), "{:?}", model.notes);
+}
+
+#[test]
+fn a_skeleton_without_clips_is_turned_at_its_joints() {
+    let rig = skinned(&[[0, 1, 0, 0]; 3], &[[0.25, 0.75, 0.0, 0.0]; 3]).model().rig.expect("a rig");
+    assert_eq!(rig.poses.len(), 8);
+    for pose in &rig.poses {
+        assert!(pose.frame.is_none() && pose.world[0] != rig.bones[0].rest_world);
+        // The first joint turns where it is, the second goes around it.
+        assert_eq!(pose.world[0].w_axis.truncate(), Vec3::X);
+        assert!((pose.world[1].w_axis.truncate().distance(Vec3::X) - 2.0).abs() < 1e-5);
+    }
+}

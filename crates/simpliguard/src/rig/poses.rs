@@ -1,0 +1,146 @@
+//! The poses that levels are fitted to besides the rest pose.
+
+use glam::Vec3;
+use rayon::prelude::*;
+
+use super::{Skinning, surface};
+use crate::Bvh;
+use crate::mesh::TriMesh;
+use crate::model::{Influences, Model, Pose, Surface};
+use crate::render::Motions;
+
+/// Vertices that poses are compared by, about.
+const SAMPLES: usize = 512;
+/// Least gain of a pose, as a part of the squared extent of the rest pose.
+const LEAST_GAIN: f64 = 1e-6;
+
+/// A few frames of the source's clips that stand for all of them.
+pub struct Poses<'a> {
+    model: &'a Model,
+    skinning: Skinning<'a>,
+    chosen: Vec<&'a Pose>,
+}
+
+impl<'a> Poses<'a> {
+    /// Up to `n` poses; none for a model without bones or without clips that move them.
+    pub fn of(model: &'a Model, n: usize) -> Option<Self> {
+        let skinning = Skinning::of(model).filter(|_| n > 0)?;
+        let chosen = representative(&skinning, &model.surface, n);
+        (!chosen.is_empty()).then_some(Self { model, skinning, chosen })
+    }
+
+    /// How many there are.
+    pub fn count(&self) -> usize {
+        self.chosen.len()
+    }
+
+    /// Motions into each pose for vertices with these influences.
+    pub fn motions(&self, influences: &[Influences]) -> Motions {
+        Motions::new(self.chosen.iter().map(|pose| self.skinning.motions(pose, influences)).collect())
+    }
+
+    /// As [`Self::motions`] with the influences of the closest points of the source, whose triangles `bvh` holds.
+    pub fn motions_by_closest_point(&self, bvh: &Bvh, positions: &[Vec3]) -> Motions {
+        self.motions(&surface::closest_influences(&self.model.surface, bvh, positions))
+    }
+
+    /// The mesh in each of the poses.
+    pub fn posed<'m>(&self, mesh: &'m TriMesh, motions: &'m Motions) -> impl Iterator<Item = TriMesh> + 'm {
+        let poses = 0..self.count();
+        poses.map(|pose| TriMesh {
+            positions: motions.of(Some(pose)).map_or_else(|| mesh.positions.clone(), |m| moved(&mesh.positions, m)),
+            triangles: mesh.triangles.clone(),
+        })
+    }
+}
+
+/// Moves each position by its own motion.
+fn moved(positions: &[Vec3], motions: &[glam::Affine3A]) -> Vec<Vec3> {
+    positions.iter().zip(motions).map(|(&p, motion)| motion.transform_point3(p)).collect()
+}
+
+/// Up to `n` poses that, with the rest pose, stand best for all of them: each brings the mean squared distance between
+/// the poses and the nearest chosen one down as far as any can. Where the model stands makes no difference.
+fn representative<'a>(skinning: &Skinning<'a>, surface: &Surface, n: usize) -> Vec<&'a Pose> {
+    let poses = skinning.poses();
+    let step = surface.positions.len().div_ceil(SAMPLES).max(1);
+    let influences: Vec<Influences> = surface.influences.iter().step_by(step).copied().collect();
+    let rest: Vec<Vec3> = surface.positions.iter().step_by(step).copied().collect();
+    let stances: Vec<Vec<Vec3>> =
+        poses.iter().map(|pose| centred(moved(&rest, &skinning.motions(pose, &influences)))).collect();
+    let rest = centred(rest);
+    let least_gain = LEAST_GAIN * rest.iter().map(|p| f64::from(p.length_squared())).sum::<f64>();
+    let mut nearest: Vec<f64> = stances.iter().map(|stance| squared_distance(stance, &rest)).collect();
+    let mut chosen = Vec::new();
+    while chosen.len() < n {
+        let gain = |candidate: &Vec<Vec3>| -> f64 {
+            let distances = stances.iter().map(|stance| squared_distance(stance, candidate));
+            nearest.iter().zip(distances).map(|(nearest, d)| (nearest - d).max(0.0)).sum()
+        };
+        let gains: Vec<f64> = stances.par_iter().map(gain).collect();
+        let best = (0..gains.len()).reduce(|best, i| if gains[i] > gains[best] { i } else { best });
+        let Some(best) = best.filter(|&i| gains[i] > least_gain) else { break };
+        chosen.push(&poses[best]);
+        let distances = stances.iter().map(|stance| squared_distance(stance, &stances[best]));
+        nearest.iter_mut().zip(distances).for_each(|(nearest, d)| *nearest = nearest.min(d));
+    }
+    chosen
+}
+
+fn centred(mut points: Vec<Vec3>) -> Vec<Vec3> {
+    let mean = points.iter().sum::<Vec3>() / points.len().max(1) as f32;
+    points.iter_mut().for_each(|p| *p -= mean);
+    points
+}
+
+fn squared_distance(a: &[Vec3], b: &[Vec3]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| f64::from(a.distance_squared(*b))).sum()
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::Mat4;
+
+    use super::*;
+    use crate::model::{Bone, Rig};
+
+    /// Two bones at the origin, a vertex at x = 1 on each; the second bone turns about z by `angles`.
+    fn model(angles: &[f32]) -> Model {
+        let bone = |node| Bone { node, inverse_bind: Mat4::IDENTITY, rest_world: Mat4::IDENTITY };
+        let pose = |(clip, &angle): (usize, &f32)| Pose {
+            frame: Some((clip, 0.0)),
+            world: vec![Mat4::IDENTITY, Mat4::from_rotation_z(angle)],
+        };
+        let surface = Surface {
+            positions: vec![Vec3::X; 2],
+            influences: vec![Influences::rigid(0), Influences::rigid(1)],
+            ..Surface::default()
+        };
+        let poses = angles.iter().enumerate().map(pose).collect();
+        let rig = Some(Rig { bones: vec![bone(0), bone(1)], source_skin: Some(0), poses });
+        Model { surface, rig, ..Model::empty("hinge") }
+    }
+
+    #[test]
+    fn poses_far_from_each_other_are_chosen_and_repeated_ones_are_not() {
+        let model = model(&[0.0, 1.5, 0.0, 1.5, -1.5]);
+        let poses = Poses::of(&model, 4).expect("it moves");
+        assert_eq!(poses.chosen.iter().map(|p| p.frame).collect::<Vec<_>>(), [Some((1, 0.0)), Some((4, 0.0))]);
+    }
+
+    #[test]
+    fn clips_that_move_nothing_give_no_poses() {
+        let model = model(&[0.0, 0.0]);
+        assert!(Poses::of(&model, 4).is_none());
+    }
+
+    #[test]
+    fn a_vertex_on_two_bones_goes_half_the_way() {
+        let model = model(&[std::f32::consts::PI]);
+        let poses = Poses::of(&model, 1).expect("it moves");
+        let half = Influences { joints: [1, 0, 0, 0], weights: [0.5, 0.5, 0.0, 0.0] };
+        let mesh = TriMesh { positions: vec![Vec3::X; 2], triangles: Vec::new() };
+        let posed = poses.posed(&mesh, &poses.motions(&[Influences::rigid(1), half])).next().expect("a pose");
+        assert!(posed.positions[0].distance(-Vec3::X) < 1e-6 && posed.positions[1].length() < 1e-6);
+    }
+}
