@@ -3,4 +3,5 @@
 mod assets;
 mod bake;
 mod bevy_cli;
+mod plugin;
 mod readme;

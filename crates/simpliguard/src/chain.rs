@@ -16,6 +16,9 @@ use crate::{Bvh, Context, Error, Source, StageId, reconstruct};
 /// Part of every cache key: raised whenever the output of any stage changes for equal input and settings.
 pub const PIPELINE_VERSION: &str = "1";
 
+/// The `opt-level` this crate was compiled with. Below `2` a bake takes many times as long.
+pub const OPT_LEVEL: &str = env!("SIMPLIGUARD_OPT_LEVEL");
+
 /// A link of the chain.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 pub struct Stage {

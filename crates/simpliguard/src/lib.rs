@@ -31,7 +31,7 @@ pub mod texture;
 pub mod unwrap;
 
 pub use bvh::{Bvh, Hit, barycentric, closest_point};
-pub use chain::{Baked, LevelReport, PIPELINE_VERSION, Report, STAGES, Stage, StageSeconds, Status, bake};
+pub use chain::{Baked, LevelReport, OPT_LEVEL, PIPELINE_VERSION, Report, STAGES, Stage, StageSeconds, Status, bake};
 pub use context::{Cancellation, Context, Progress, ProgressSink};
 pub use error::{Error, StageId};
 pub use source::{NoResources, RelativeUri, Resources, Source};

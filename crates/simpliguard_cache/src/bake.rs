@@ -1,9 +1,12 @@
 //! Bakes in the cache: which key a bake has, and what is stored of it. Shared by everything that bakes, so that one
 //! finds what another has made.
 
-use simpliguard::gltf::external_uris;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+
+use simpliguard::gltf::{export_level, external_uris};
+use simpliguard::model::{Level, Model};
 use simpliguard::settings::BakeSettings;
-use simpliguard::{Error, PIPELINE_VERSION, Report, Source};
+use simpliguard::{Context, Error, PIPELINE_VERSION, Report, Source, StageId};
 
 use crate::{Entry, Key, KeyBuilder};
 
@@ -42,7 +45,34 @@ pub struct BakeResult {
     pub report: Report,
 }
 
+/// Draws the levels of a model beside it, as PNG.
+pub type Draw<'a> = &'a (dyn Fn(&Model, &[Level]) -> Result<Vec<u8>, Error> + Sync);
+
 impl BakeResult {
+    /// Whether an object is part of every result: not of single levels or of a sheet.
+    pub fn is_whole(object: &str) -> bool {
+        object == COMBINED || object == REPORT
+    }
+
+    /// Runs the chain on the rayon pool of the caller. With `sheet`, a contact sheet is made of models that get levels.
+    ///
+    /// # Errors
+    /// Those of the chain. A panic in it is a bug and fails this model alone, as [`Error::Invalid`].
+    pub fn compute(
+        source: &Source<'_>,
+        settings: &BakeSettings,
+        context: &Context<'_>,
+        sheet: Option<Draw<'_>>,
+    ) -> Result<Self, Error> {
+        let chain = || run_chain(source, settings, context, sheet);
+        catch_unwind(AssertUnwindSafe(chain)).unwrap_or_else(|panic| {
+            let text = panic.downcast_ref::<&str>().map(|s| (*s).to_owned());
+            let text = text.or_else(|| panic.downcast_ref::<String>().cloned()).unwrap_or_default();
+            let found = format!("internal error: {text}");
+            Err(Error::invalid(source.name, StageId::Export, found, "this is a bug; please report it with the file"))
+        })
+    }
+
     /// As it is stored. `made_by` says what computed it, such as `cpu`.
     pub fn to_entry(&self, made_by: &str) -> Result<Entry, serde_json::Error> {
         let report = Report { seconds: Vec::new(), ..self.report.clone() };
@@ -72,6 +102,25 @@ impl BakeResult {
         }
         Some(Self { combined: combined?, report: report?, levels, sheet })
     }
+}
+
+fn run_chain(
+    source: &Source<'_>,
+    settings: &BakeSettings,
+    context: &Context<'_>,
+    sheet: Option<Draw<'_>>,
+) -> Result<BakeResult, Error> {
+    let baked = simpliguard::bake(source, settings, context)?;
+    let (mut levels, mut picture) = (Vec::with_capacity(baked.levels.len()), None);
+    if let Some(model) = &baked.model {
+        for level in &baked.levels {
+            levels.push((level.budget, export_level(model, level)?));
+        }
+        if let (Some(draw), false) = (sheet, levels.is_empty()) {
+            picture = Some(draw(model, &baked.levels)?);
+        }
+    }
+    Ok(BakeResult { combined: baked.glb, levels, sheet: picture, report: baked.report })
 }
 
 #[cfg(test)]

@@ -16,8 +16,14 @@ pub enum Durability {
 /// Writes `bytes` to a temporary file in the folder of `path` and renames it to `path`. Makes the folder if need be. If
 /// anything fails, `path` is as it was.
 pub fn write_atomic(path: &Path, bytes: &[u8], durability: Durability) -> io::Result<()> {
-    let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    fs::create_dir_all(folder)?;
+    write_atomic_through(folder_of(path), path, bytes, durability)
+}
+
+/// As [`write_atomic`], with the temporary file in `scratch`, a folder on the same file system: for folders that somebody
+/// watches.
+pub fn write_atomic_through(scratch: &Path, path: &Path, bytes: &[u8], durability: Durability) -> io::Result<()> {
+    fs::create_dir_all(folder_of(path))?;
+    fs::create_dir_all(scratch)?;
     let mut builder = tempfile::Builder::new();
     builder.prefix(".simpliguard-").suffix(".tmp");
     #[cfg(unix)]
@@ -26,12 +32,16 @@ pub fn write_atomic(path: &Path, bytes: &[u8], durability: Durability) -> io::Re
         use std::os::unix::fs::PermissionsExt;
         builder.permissions(fs::Permissions::from_mode(0o666));
     }
-    let mut file = builder.tempfile_in(folder)?;
+    let mut file = builder.tempfile_in(scratch)?;
     file.write_all(bytes)?;
     if durability == Durability::PowerLoss {
         file.as_file().sync_all()?;
     }
     persist(file, path)
+}
+
+fn folder_of(path: &Path) -> &Path {
+    path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."))
 }
 
 /// `Err` with the reason if no file can be made in `folder`. Leaves nothing behind.

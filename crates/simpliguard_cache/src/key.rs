@@ -15,6 +15,11 @@ impl Key {
         self.0.to_hex().to_string()
     }
 
+    /// The key that [`Self::hex`] writes.
+    pub fn from_hex(hex: &str) -> Option<Self> {
+        blake3::Hash::from_hex(hex).ok().map(Self)
+    }
+
     pub(crate) fn hash(&self) -> &blake3::Hash {
         &self.0
     }
@@ -102,5 +107,6 @@ mod tests {
     fn the_encoding_is_stable() {
         let key = KeyBuilder::new("1").input(b"a").missing_input().settings(b"faces=[4]\n").finish();
         assert_eq!(key.hex(), "1b390d6a4d9b1b9eff82ceb06fcfac63e46e097621605a9d5a43f3a1ca006edb");
+        assert_eq!((Key::from_hex(&key.hex()), Key::from_hex("1b")), (Some(key), None));
     }
 }

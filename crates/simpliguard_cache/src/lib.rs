@@ -22,8 +22,8 @@ mod key;
 mod place;
 mod store;
 
-pub use bake::{BakeResult, bake_key};
-pub use file::{Durability, can_write_in, write_atomic};
+pub use bake::{BakeResult, Draw, bake_key};
+pub use file::{Durability, can_write_in, write_atomic, write_atomic_through};
 pub use key::{Key, KeyBuilder};
 pub use place::{ENV_VAR, place};
 pub use store::{Cache, Entry, Lookup, Stats, StorageError};

@@ -123,7 +123,13 @@ impl Cache {
 
     /// Looks up a result, reading and checking all its objects.
     pub fn get(&self, key: &Key) -> Lookup {
-        let (counter, lookup) = match self.read(key) {
+        self.get_objects(key, |_| true)
+    }
+
+    /// Looks up a result, reading and checking only those of its objects whose names are `wanted`. The others must be
+    /// there with their full size.
+    pub fn get_objects(&self, key: &Key, wanted: impl Fn(&str) -> bool) -> Lookup {
+        let (counter, lookup) = match self.read(key, wanted) {
             Ok(Some(entry)) => (&self.hits, Lookup::Hit(entry)),
             Ok(None) => (&self.misses, Lookup::Miss),
             Err(error) => (&self.misses, Lookup::Damaged(error)),
@@ -157,7 +163,7 @@ impl Cache {
         write(&path, &text)
     }
 
-    fn read(&self, key: &Key) -> Result<Option<Entry>, StorageError> {
+    fn read(&self, key: &Key, wanted: impl Fn(&str) -> bool) -> Result<Option<Entry>, StorageError> {
         let path = self.path("results", key.hash());
         let Some(text) = read(&path)? else { return Ok(None) };
         let record = match serde_json::from_slice::<Record>(&text) {
@@ -171,6 +177,12 @@ impl Cache {
             let Ok(hash) = blake3::Hash::from_hex(&object.hash) else {
                 return Err(self.quarantine(path, "names an object by a malformed hash"));
             };
+            if !wanted(&object.name) {
+                if fs::metadata(self.path("objects", &hash)).is_ok_and(|there| there.len() == object.size) {
+                    continue;
+                }
+                return Ok(None);
+            }
             let Some(bytes) = self.read_object(&hash, object.size)? else { return Ok(None) };
             objects.push((object.name, bytes));
         }

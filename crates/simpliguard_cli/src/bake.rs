@@ -2,16 +2,17 @@
 
 use std::fs;
 use std::io::{self, Cursor};
-use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
 use std::time::Instant;
 
 use image::{ImageFormat, RgbImage};
 use rayon::{ThreadPool, ThreadPoolBuilder};
-use simpliguard::gltf::export_level;
+use simpliguard::model::{Level, Model};
 use simpliguard::settings::BakeSettings;
 use simpliguard::{Context, Error, Source, StageId};
-use simpliguard_cache::{BakeResult, Cache, Durability, Key, Lookup, bake_key, can_write_in, place, write_atomic};
+use simpliguard_cache::{
+    BakeResult, Cache, Draw, Durability, Key, Lookup, bake_key, can_write_in, place, write_atomic,
+};
 use simpliguard_eval::contact_sheet;
 
 use crate::UsageError;
@@ -130,25 +131,20 @@ impl<'a> Runner<'a> {
         }
     }
 
-    /// Runs the chain. A bug in it fails this model alone.
     fn compute(
         &self,
         source: &Source<'_>,
         settings: &BakeSettings,
         progress: &AssetProgress,
     ) -> Result<BakeResult, Error> {
-        let sheet = self.args.sheet;
-        let chain = || catch_unwind(AssertUnwindSafe(|| run_chain(source, settings, sheet, progress)));
-        let result = match &self.pool {
+        let context = Context { progress: Some(progress), ..Context::default() };
+        let draw = |model: &Model, levels: &[Level]| png(&model.name, &contact_sheet(model, levels));
+        let sheet: Option<Draw<'_>> = if self.args.sheet { Some(&draw) } else { None };
+        let chain = || BakeResult::compute(source, settings, &context, sheet);
+        match &self.pool {
             Some(pool) => pool.install(chain),
             None => chain(),
-        };
-        result.unwrap_or_else(|panic| {
-            let text = panic.downcast_ref::<&str>().map(|s| (*s).to_owned());
-            let text = text.or_else(|| panic.downcast_ref::<String>().cloned()).unwrap_or_default();
-            let found = format!("internal error: {text}");
-            Err(Error::invalid(source.name, StageId::Export, found, "this is a bug; please report it with the file"))
-        })
+        }
     }
 
     /// Writes the files that were asked for.
@@ -192,26 +188,6 @@ impl<'a> Runner<'a> {
 fn unwritable(job: &Job, path: &Path, error: &io::Error) -> Error {
     let found = format!("cannot write {}: {error}", path.display());
     Error::invalid(&job.name, StageId::Export, found, "check the folder and the space on its disk")
-}
-
-fn run_chain(
-    source: &Source<'_>,
-    settings: &BakeSettings,
-    sheet: bool,
-    progress: &AssetProgress,
-) -> Result<BakeResult, Error> {
-    let context = Context { progress: Some(progress), ..Context::default() };
-    let baked = simpliguard::bake(source, settings, &context)?;
-    let (mut levels, mut picture) = (Vec::with_capacity(baked.levels.len()), None);
-    if let Some(model) = &baked.model {
-        for level in &baked.levels {
-            levels.push((level.budget, export_level(model, level)?));
-        }
-        if sheet && !levels.is_empty() {
-            picture = Some(png(source.name, &contact_sheet(model, &baked.levels))?);
-        }
-    }
-    Ok(BakeResult { combined: baked.glb, levels, sheet: picture, report: baked.report })
 }
 
 fn png(asset: &str, image: &RgbImage) -> Result<Vec<u8>, Error> {

@@ -32,7 +32,7 @@ struct LegendEntry(u32);
 struct BakeLines;
 
 #[derive(Component)]
-struct Help;
+pub(crate) struct Help;
 
 const TEXT: Color = Color::srgb(0.94, 0.94, 0.92);
 const DIM: Color = Color::srgb(0.70, 0.71, 0.72);

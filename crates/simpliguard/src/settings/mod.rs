@@ -21,7 +21,7 @@ pub use fields::{
     BakeOverrides, BakeSettings, Candidates, ExistingLods, FieldInfo, Quality, SkinTransfer, SourceGeometry, reference,
 };
 pub use meta::parse_meta;
-pub use project::{ProjectFile, ProjectSettings, Rule};
+pub use project::{BakeMode, ProjectFile, ProjectSettings, Rule};
 pub use resolve::{Effective, Layer, Origin, Resolved, resolve};
 pub use text::parse_overrides;
 pub use value::Resolution;

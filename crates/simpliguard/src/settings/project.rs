@@ -1,6 +1,7 @@
 //! `config/simpliguard.ron`: a project's defaults, rules and profiles.
 
 use std::collections::BTreeMap;
+use std::num::NonZeroU32;
 
 use globset::{GlobBuilder, GlobMatcher};
 use serde::Deserialize;
@@ -18,6 +19,7 @@ use crate::Error;
 ///     rules: [(glob: "props/**", settings: (faces: [250, 500]))],
 ///     profiles: {"vr": (quality: Best)},
 ///     cache: (dir: "../shared-cache"),
+///     plugin: (mode: Progressive, threads: 2),
 /// )
 /// ```
 #[derive(Clone, Debug, Default)]
@@ -38,6 +40,20 @@ pub struct ProjectFile {
 pub struct ProjectSettings {
     /// Folder of the cache, relative to the project's folder.
     pub cache_dir: Option<String>,
+    /// Whether a game waits for bakes.
+    pub mode: Option<BakeMode>,
+    /// Threads that bake while a game runs.
+    pub threads: Option<NonZeroU32>,
+}
+
+/// When a game that bakes its own models sees the levels.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
+pub enum BakeMode {
+    /// Models appear at once as they are; their levels are swapped in when they are done.
+    #[default]
+    Progressive,
+    /// A model appears when its levels are done: for builds and automatic tests.
+    Blocking,
 }
 
 /// Overrides for some of the models.
@@ -76,6 +92,7 @@ struct Contents {
     rules: Vec<Rule>,
     profiles: BTreeMap<String, BakeOverrides>,
     cache: CacheContents,
+    plugin: PluginContents,
 }
 
 #[derive(Deserialize, Default)]
@@ -85,14 +102,24 @@ struct CacheContents {
     dir: Option<String>,
 }
 
+#[derive(Deserialize, Default)]
+#[serde(default, deny_unknown_fields, rename = "plugin")]
+struct PluginContents {
+    #[serde(with = "serde_with::rust::unwrap_or_skip")]
+    mode: Option<BakeMode>,
+    #[serde(with = "serde_with::rust::unwrap_or_skip")]
+    threads: Option<NonZeroU32>,
+}
+
 impl ProjectFile {
     /// Where the file lies in a project.
     pub const PATH: &'static str = "config/simpliguard.ron";
 
     /// Reads a project file. `file` is for messages and origins.
     pub fn parse(text: &str, file: &str) -> Result<Self, Error> {
-        let Contents { defaults, rules, profiles, cache } = parse(text, file)?;
-        Ok(Self { file: file.to_owned(), defaults, rules, profiles, project: ProjectSettings { cache_dir: cache.dir } })
+        let Contents { defaults, rules, profiles, cache, plugin } = parse(text, file)?;
+        let project = ProjectSettings { cache_dir: cache.dir, mode: plugin.mode, threads: plugin.threads };
+        Ok(Self { file: file.to_owned(), defaults, rules, profiles, project })
     }
 
     /// The layers that this file lays under a model's `.meta`: defaults, matching rules in order, then the profile.
@@ -136,6 +163,7 @@ mod tests {
         ],
         profiles: {"vr": (quality: Best)},
         cache: (dir: "../cache"),
+        plugin: (mode: Blocking, threads: 3),
     )"#;
 
     #[test]
@@ -152,6 +180,7 @@ mod tests {
             Some("config/simpliguard.ron, rule \"props/**\"")
         );
         assert_eq!(file.project.cache_dir.as_deref(), Some("../cache"));
+        assert_eq!((file.project.mode, file.project.threads), (Some(BakeMode::Blocking), NonZeroU32::new(3)));
     }
 
     #[test]

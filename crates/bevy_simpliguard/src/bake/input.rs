@@ -1,0 +1,150 @@
+//! A model and everything that decides its bake, read through Bevy.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use bevy::asset::io::{AssetReaderError, Reader};
+use bevy::asset::processor::AssetProcessor;
+use bevy::asset::{Asset, AssetLoader, AssetPath, LoadContext};
+use bevy::prelude::*;
+use bytes::Bytes;
+use simpliguard::gltf::external_uris;
+use simpliguard::{RelativeUri, Resources, Source};
+
+use super::project::Project;
+
+/// The bytes of a model file and of the files it refers to, as they are in the asset source.
+#[derive(Clone, Debug, Default)]
+pub(super) struct SourceFiles {
+    /// For messages.
+    name: String,
+    bytes: Bytes,
+    beside: BTreeMap<RelativeUri, Result<Bytes, String>>,
+}
+
+impl SourceFiles {
+    /// Reads a model again, outside of Bevy's processing.
+    pub(super) async fn read(processor: &AssetProcessor, path: &AssetPath<'static>) -> Result<Self, String> {
+        let bytes = read(processor, path).await?;
+        Self::with_external_files(processor, path, bytes).await
+    }
+
+    async fn with_external_files(
+        processor: &AssetProcessor,
+        path: &AssetPath<'static>,
+        bytes: Bytes,
+    ) -> Result<Self, String> {
+        let name = path.to_string();
+        let mut beside = BTreeMap::new();
+        // What is no glTF refers to nothing; the bake says what is wrong with it.
+        for uri in external_uris(&name, &bytes).unwrap_or_default() {
+            let content = read(processor, &neighbour(path, &uri)).await;
+            beside.insert(uri, content);
+        }
+        Ok(Self { name, bytes, beside })
+    }
+
+    /// As the chain takes it.
+    pub(super) fn source(&self) -> Source<'_> {
+        Source { name: &self.name, bytes: &self.bytes, resources: self }
+    }
+
+    /// The files that the model of `path` refers to and that cannot be read.
+    pub(super) fn missing(&self, path: &AssetPath<'static>) -> Vec<AssetPath<'static>> {
+        let missing = self.beside.iter().filter(|(_, content)| content.is_err());
+        missing.map(|(uri, _)| neighbour(path, uri)).collect()
+    }
+
+    /// The model file alone.
+    pub(super) fn bytes(&self) -> &Bytes {
+        &self.bytes
+    }
+}
+
+impl Resources for SourceFiles {
+    fn read(&self, uri: &RelativeUri) -> Result<Bytes, String> {
+        self.beside.get(uri).cloned().unwrap_or_else(|| Err("it was not read".to_owned()))
+    }
+}
+
+/// Two models that name each other, or one that names itself, would wait for each other for ever.
+fn is_model(uri: &RelativeUri) -> bool {
+    let extension = Path::new(uri.as_str()).extension();
+    extension.is_some_and(|e| e.eq_ignore_ascii_case("glb") || e.eq_ignore_ascii_case("gltf"))
+}
+
+/// The asset that a model names by a URI.
+fn neighbour(path: &AssetPath<'static>, uri: &RelativeUri) -> AssetPath<'static> {
+    let folder = path.path().parent().unwrap_or(Path::new(""));
+    AssetPath::from(folder.join(uri.as_str())).with_source(path.source().clone_owned())
+}
+
+/// Whether a file can be opened.
+pub(super) async fn exists(processor: &AssetProcessor, path: &AssetPath<'static>) -> bool {
+    let Ok(source) = processor.get_source(path.source().clone_owned()) else { return false };
+    source.reader().read(path.path()).await.is_ok()
+}
+
+async fn read(processor: &AssetProcessor, path: &AssetPath<'static>) -> Result<Bytes, String> {
+    let explain = |e: AssetReaderError| match e {
+        AssetReaderError::NotFound(_) => "there is no such file".to_owned(),
+        e => e.to_string(),
+    };
+    let source = processor.get_source(path.source().clone_owned()).map_err(|e| e.to_string())?;
+    let mut reader = source.reader().read(path.path()).await.map_err(explain)?;
+    let mut bytes = Vec::new();
+    reader.read_to_end(&mut bytes).await.map_err(|e| e.to_string())?;
+    Ok(bytes.into())
+}
+
+/// Everything [`super::process::SimpliguardProcess`] needs to know of a model.
+#[derive(Asset, TypePath, Debug)]
+pub(super) struct Input {
+    pub(super) files: SourceFiles,
+    /// The text of the `.meta` file beside the model.
+    pub(super) meta: Option<String>,
+    /// The file of [`super::project`], or why it cannot be read.
+    pub(super) project: Result<Vec<u8>, String>,
+}
+
+/// Loads [`Input`] for the processor, never for a game: it has no extension. Whatever is wrong with a file is part of
+/// the result, so that it never fails.
+#[derive(TypePath)]
+pub(super) struct InputLoader {
+    pub(super) processor: AssetProcessor,
+}
+
+impl AssetLoader for InputLoader {
+    type Asset = Input;
+    type Settings = ();
+    type Error = std::io::Error;
+
+    async fn load(&self, reader: &mut dyn Reader, (): &(), context: &mut LoadContext<'_>) -> std::io::Result<Input> {
+        let path = context.path().clone();
+        let mut bytes = Vec::new();
+        reader.read_to_end(&mut bytes).await?;
+        let files = SourceFiles::with_external_files(&self.processor, &path, bytes.into()).await;
+        let files = files.map_err(std::io::Error::other)?;
+        // Read through Bevy once more, each becomes a process dependency: the model is processed again when it changes.
+        // Its bytes may have been through a processor of their own and are of no use here.
+        for uri in files.beside.keys().filter(|uri| !is_model(uri)) {
+            if let Err(error) = context.read_asset_bytes(neighbour(&path, uri)).await {
+                debug!("{path}: '{}' is not watched: {error}", uri.as_str());
+            }
+        }
+        let project = context.read_asset_bytes(Project::asset()).await.map_err(|e| e.to_string());
+        Ok(Input { files, meta: self.meta(&path).await, project })
+    }
+
+    fn extensions(&self) -> &[&str] {
+        &[]
+    }
+}
+
+impl InputLoader {
+    async fn meta(&self, path: &AssetPath<'static>) -> Option<String> {
+        let source = self.processor.get_source(path.source().clone_owned()).ok()?;
+        let bytes = source.reader().read_meta_bytes(path.path()).await.ok()?;
+        Some(String::from_utf8_lossy(&bytes).into_owned())
+    }
+}

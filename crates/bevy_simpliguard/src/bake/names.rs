@@ -1,0 +1,40 @@
+//! Names of models. Bevy looks a processor up by all that follows the first dot of a name, as it is spelled.
+
+use std::collections::BTreeSet;
+use std::ffi::OsStr;
+use std::path::Path;
+
+use walkdir::WalkDir;
+
+/// The usual extensions, and those of models below `folder` that Bevy takes for others, such as `v2.glb` and `GLB`.
+pub(super) fn extensions(folder: &Path) -> BTreeSet<String> {
+    let mut extensions = BTreeSet::from(["glb", "gltf"].map(str::to_owned));
+    for entry in WalkDir::new(folder).follow_links(true).into_iter().filter_map(Result::ok) {
+        extensions.extend(full_extension(entry.file_name()));
+    }
+    extensions
+}
+
+/// All that follows the first dot in the name of a model.
+fn full_extension(name: &OsStr) -> Option<String> {
+    let (_, extension) = name.to_str()?.split_once('.')?;
+    let last = extension.rsplit('.').next()?;
+    ["glb", "gltf"].iter().any(|e| last.eq_ignore_ascii_case(e)).then(|| extension.to_owned())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn models_with_several_dots_or_capitals_are_found() {
+        let dir = tempfile::tempdir().expect("tempdir");
+        std::fs::create_dir(dir.path().join("a.b")).expect("makes");
+        for name in ["hero.v2.glb", "a.b/HERO.GLTF", "hero.glb.meta", "glb", "x.png"] {
+            std::fs::write(dir.path().join(name), "").expect("writes");
+        }
+        let found: Vec<String> = extensions(dir.path()).into_iter().collect();
+        assert_eq!(found, ["GLTF", "glb", "gltf", "v2.glb"]);
+        assert_eq!(extensions(Path::new("none")).len(), 2);
+    }
+}

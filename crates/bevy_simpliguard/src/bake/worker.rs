@@ -1,0 +1,175 @@
+//! The threads that bake while the game runs.
+
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+use std::{io, thread};
+
+use bevy::asset::AssetPath;
+use bevy::asset::processor::AssetProcessor;
+use bevy::prelude::*;
+use bevy::tasks::block_on;
+use rayon::{ThreadPool, ThreadPoolBuilder};
+use simpliguard::{Context, Error, Progress, ProgressSink, Report, Status};
+use simpliguard_cache::{BakeResult, bake_key};
+use thread_priority::ThreadPriority;
+
+use super::baker::{Baker, Order};
+use super::events::{BakeFinished, BakeProgress, BakeStarted, Event};
+use super::input::{SourceFiles, exists};
+use super::queue::{Delivery, Taken};
+
+/// Threads that share a bake before a second one runs beside it: each holds a model and its levels in memory.
+const THREADS_PER_BAKE: usize = 4;
+const MOST_BAKES: usize = 4;
+/// What computes a result; part of its record, not of its key.
+const MADE_BY: &str = "cpu";
+
+/// Starts the workers, which end when the queue is closed. `threads` is how many compute; all of them stand back behind
+/// the game's own.
+pub(super) fn start(baker: &Arc<Baker>, processor: &AssetProcessor, threads: usize) -> io::Result<()> {
+    let pool = ThreadPoolBuilder::new()
+        .num_threads(threads)
+        .thread_name(|i| format!("simpliguard {i}"))
+        .start_handler(|_| {
+            if let Err(error) = ThreadPriority::Min.set_for_current() {
+                debug!("bakes run at the game's own priority: {error:?}");
+            }
+        })
+        .build()
+        .map_err(io::Error::other)?;
+    let pool = Arc::new(pool);
+    for i in 0..(threads / THREADS_PER_BAKE).clamp(1, MOST_BAKES) {
+        let worker = Worker { baker: baker.clone(), processor: processor.clone(), pool: pool.clone() };
+        thread::Builder::new().name(format!("simpliguard bake {i}")).spawn(move || worker.run())?;
+    }
+    Ok(())
+}
+
+struct Worker {
+    baker: Arc<Baker>,
+    processor: AssetProcessor,
+    pool: Arc<ThreadPool>,
+}
+
+/// Why a job has no result.
+enum Stop {
+    /// The model or its settings have changed meanwhile; another job is for those.
+    Superseded,
+    /// It cannot be baked.
+    Failed(String),
+}
+
+impl From<Error> for Stop {
+    fn from(error: Error) -> Self {
+        match error {
+            Error::Cancelled { .. } => Self::Superseded,
+            error => Self::Failed(error.to_string()),
+        }
+    }
+}
+
+impl Worker {
+    fn run(&self) {
+        while let Some(mut taken) = self.baker.queue.take() {
+            if self.is_still_missing(&taken) {
+                self.baker.queue.release(taken);
+                continue;
+            }
+            let path = taken.job.order.path.clone();
+            match self.work(&mut taken) {
+                Ok(finished) => {
+                    self.baker.tell(Event::Exchanged(path));
+                    self.baker.tell(Event::Finished(finished));
+                }
+                Err(Stop::Superseded) => debug!("{path}: the bake is outdated"),
+                Err(Stop::Failed(error)) => self.baker.fail(&path, error),
+            }
+            self.baker.queue.release(taken);
+        }
+    }
+
+    fn is_still_missing(&self, taken: &Taken) -> bool {
+        let missing = &taken.job.missing;
+        !missing.is_empty() && !missing.iter().any(|path| block_on(exists(&self.processor, path)))
+    }
+
+    /// Looks in the cache once more, bakes if need be, and brings the result where it belongs.
+    fn work(&self, taken: &mut Taken) -> Result<BakeFinished, Stop> {
+        let start = Instant::now();
+        let path = taken.job.order.path.clone();
+        let unreadable = |error| Stop::Failed(format!("{path}: {error}"));
+        let files = block_on(SourceFiles::read(&self.processor, &path)).map_err(unreadable)?;
+        let key = bake_key(&files.source(), &taken.job.order.settings)?;
+        if key != taken.job.order.key && !self.baker.queue.rekey(taken, key) {
+            return Err(Stop::Superseded);
+        }
+        taken.job.missing = files.missing(&path);
+        let (result, duration) = match taken.job.order.cached() {
+            Some(result) => (result, Duration::ZERO),
+            None => (self.bake(&files, taken)?, start.elapsed()),
+        };
+        let BakeResult { combined, report, .. } = result;
+        let journal = &self.baker.journal;
+        let delivered = journal.scratch().and_then(|scratch| {
+            self.baker.queue.deliver(taken, combined.into(), &journal.processed_file(&path), &scratch)
+        });
+        match delivered {
+            Ok(Delivery::Done) => {}
+            Ok(Delivery::Superseded) => return Err(Stop::Superseded),
+            Err(error) => return Err(Stop::Failed(format!("{path}: the levels cannot be put in place: {error}"))),
+        }
+        // Should a missing file come while the game is off, the next start has to look.
+        if taken.job.missing.is_empty() {
+            self.baker.settle(&taken.job.order);
+        }
+        info!("{}", summary(&path, &report, duration));
+        Ok(BakeFinished { path, report, duration })
+    }
+
+    fn bake(&self, files: &SourceFiles, taken: &Taken) -> Result<BakeResult, Stop> {
+        let order = &taken.job.order;
+        self.baker.tell(Event::Started(BakeStarted { path: order.path.clone() }));
+        let progress = Sink { baker: &self.baker, path: &order.path };
+        let context = Context { cancellation: taken.cancellation.clone(), progress: Some(&progress) };
+        let source = files.source();
+        let result = self.pool.install(|| BakeResult::compute(&source, &order.settings, &context, None))?;
+        keep(order, &result);
+        Ok(result)
+    }
+}
+
+/// Storage that fails never stops a bake.
+fn keep(order: &Order, result: &BakeResult) {
+    let Some(cache) = &order.cache else { return };
+    let stored = result.to_entry(MADE_BY).map_err(|e| e.to_string());
+    if let Err(error) = stored.and_then(|entry| cache.put(&order.key, &entry).map_err(|e| e.to_string())) {
+        warn!("{}: the result is not kept: {error}", order.path);
+    }
+}
+
+struct Sink<'a> {
+    baker: &'a Baker,
+    path: &'a AssetPath<'static>,
+}
+
+impl ProgressSink for Sink<'_> {
+    fn report(&self, Progress { stage, fraction, .. }: Progress) {
+        self.baker.tell(Event::Progress(BakeProgress { path: self.path.clone(), stage, fraction }));
+    }
+}
+
+/// One line for the log.
+fn summary(path: &AssetPath<'static>, report: &Report, duration: Duration) -> String {
+    let faces: Vec<String> = report.levels.iter().map(|level| level.faces.to_string()).collect();
+    match report.status {
+        Status::Baked => format!(
+            "{path}: {} triangles, levels of {} after {:.1} s",
+            report.source_faces,
+            faces.join(", "),
+            duration.as_secs_f64()
+        ),
+        Status::SmallEnough => format!("{path}: {} triangles need no levels", report.source_faces),
+        Status::KeptLods => format!("{path}: has levels of its own"),
+        Status::PassThrough => format!("{path}: gets no levels"),
+    }
+}

@@ -1,0 +1,63 @@
+//! The plugin.
+
+use std::path::PathBuf;
+
+use bevy::prelude::*;
+
+use crate::lod::{LodPlugin, LodSettings};
+
+/// When the levels of a model appear.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum BakeMode {
+    /// Models appear at once as they are; their levels are swapped in when they are done.
+    #[default]
+    Progressive,
+    /// A model appears when its levels are done: for builds and automatic tests.
+    Blocking,
+}
+
+/// Bakes levels of detail when models are imported, and switches them while the game runs. Add it before
+/// `DefaultPlugins`, and set `AssetMode::Processed`:
+///
+/// ```no_run
+/// use bevy::prelude::*;
+/// use bevy_simpliguard::SimpliguardPlugin;
+///
+/// App::new().add_plugins((
+///     SimpliguardPlugin::default(),
+///     DefaultPlugins.set(AssetPlugin { mode: AssetMode::Processed, ..default() }),
+/// ));
+/// ```
+///
+/// Without the feature `bake` nothing is baked, and everything but the switching is without effect.
+#[derive(Clone, Debug, Default)]
+pub struct SimpliguardPlugin {
+    /// Overrides `plugin.mode` of `config/simpliguard.ron`.
+    pub mode: Option<BakeMode>,
+    /// A profile of `config/simpliguard.ron`.
+    pub profile: Option<String>,
+    /// Overrides every other place of the cache.
+    pub cache_dir: Option<PathBuf>,
+    /// Threads that bake; overrides `plugin.threads` of `config/simpliguard.ron`. One less than the cores by default.
+    pub threads: Option<usize>,
+    /// How levels are chosen, from the start.
+    pub lods: LodSettings,
+}
+
+impl Plugin for SimpliguardPlugin {
+    fn build(&self, app: &mut App) {
+        #[cfg(feature = "bake")]
+        crate::bake::build(self, app);
+        app.add_plugins(LodPlugin { settings: self.lods.clone() });
+    }
+
+    #[cfg(feature = "bake")]
+    fn finish(&self, app: &mut App) {
+        crate::bake::finish(self, app);
+    }
+
+    #[cfg(feature = "bake")]
+    fn cleanup(&self, app: &mut App) {
+        crate::bake::cleanup(app);
+    }
+}

@@ -1,0 +1,172 @@
+//! The game that the tests start: no window, no renderer, every model of the asset folder loaded and spawned.
+
+use std::io::{Read, stdin};
+use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread;
+use std::time::{Duration, Instant};
+
+use bevy::animation::AnimationPlugin;
+use bevy::app::ScheduleRunnerPlugin;
+use bevy::asset::io::file::FileAssetReader;
+use bevy::asset::{AssetLoadFailedEvent, AssetMode};
+use bevy::camera::CameraPlugin;
+use bevy::gltf::{Gltf, GltfAssetLabel, GltfPlugin};
+use bevy::log::LogPlugin;
+use bevy::mesh::MeshPlugin;
+use bevy::prelude::*;
+use bevy::world_serialization::{WorldAssetRoot, WorldInstanceReady, WorldSerializationPlugin};
+use bevy_simpliguard::{BakeFailed, BakeFinished, BakeMode, BakeStarted, SimpliguardPlugin};
+use serde::Deserialize;
+use serde_json::{Value, json};
+
+use super::project::files_below;
+
+/// The name of the test that is the game.
+pub(super) const NAME: &str = "plugin::app::game";
+/// The variable with the options.
+pub(super) const OPTIONS: &str = "SIMPLIGUARD_TEST_GAME";
+/// In front of every report.
+pub(super) const REPORT: &str = "@ ";
+
+/// What a test wants of the game.
+#[derive(Deserialize, Resource, Clone, Default)]
+#[serde(default)]
+pub(super) struct Options {
+    blocking: bool,
+    threads: Option<usize>,
+}
+
+#[derive(Resource)]
+struct Clock {
+    start: Instant,
+    last: Instant,
+    worst: Duration,
+}
+
+#[derive(Resource)]
+struct Models(Vec<(String, Handle<Gltf>)>);
+
+#[test]
+#[ignore = "the game that the other tests start"]
+fn game() {
+    let Ok(options) = std::env::var(OPTIONS) else { return };
+    let options: Options = ron::from_str(&options).expect("options");
+    let mut app = App::new();
+    app.add_plugins((
+        SimpliguardPlugin {
+            mode: options.blocking.then_some(BakeMode::Blocking),
+            threads: options.threads,
+            ..default()
+        },
+        MinimalPlugins.set(ScheduleRunnerPlugin::run_loop(Duration::from_millis(4))),
+        LogPlugin { filter: "info,bevy_asset=debug,bevy_simpliguard=debug".into(), ..default() },
+        AssetPlugin { mode: AssetMode::Processed, ..default() },
+        TransformPlugin,
+        ImagePlugin::default(),
+        MeshPlugin,
+        CameraPlugin,
+        WorldSerializationPlugin,
+        GltfPlugin::default(),
+        AnimationPlugin,
+    ));
+    let now = Instant::now();
+    app.insert_resource(options)
+        .insert_resource(Clock { start: now, last: now, worst: Duration::ZERO })
+        .insert_resource(QuitAsked(quit_asked()))
+        .add_systems(Startup, load)
+        .add_systems(Update, (time_frames, report_bakes, report_models, quit))
+        .add_observer(report_instance);
+    assert!(app.run().is_success());
+}
+
+/// Set when standard input ends.
+#[derive(Resource)]
+struct QuitAsked(Arc<AtomicBool>);
+
+fn quit_asked() -> Arc<AtomicBool> {
+    let asked = Arc::new(AtomicBool::new(false));
+    let flag = asked.clone();
+    thread::spawn(move || {
+        let _ = stdin().read_to_end(&mut Vec::new());
+        flag.store(true, Ordering::Relaxed);
+    });
+    asked
+}
+
+fn say(clock: &Clock, mut report: Value) {
+    report["t"] = json!(clock.start.elapsed().as_secs_f64());
+    println!("{REPORT}{report}");
+}
+
+fn load(mut commands: Commands, server: Res<AssetServer>) {
+    let folder = FileAssetReader::get_base_path().join("assets");
+    let is_model = |path: &Path| path.extension().is_some_and(|e| e == "glb" || e == "gltf");
+    let mut models = Vec::new();
+    for file in files_below(&folder).iter().filter(|f| is_model(f)) {
+        let path = file.strip_prefix(&folder).expect("below").to_string_lossy().into_owned();
+        commands.spawn((
+            WorldAssetRoot(server.load(GltfAssetLabel::Scene(0).from_asset(path.clone()))),
+            Name::new(path.clone()),
+        ));
+        models.push((path.clone(), server.load(path)));
+    }
+    commands.insert_resource(Models(models));
+}
+
+fn time_frames(mut clock: ResMut<Clock>) {
+    let now = Instant::now();
+    clock.worst = clock.worst.max(now - clock.last);
+    clock.last = now;
+}
+
+fn report_bakes(
+    clock: Res<Clock>,
+    mut started: MessageReader<BakeStarted>,
+    mut finished: MessageReader<BakeFinished>,
+    mut failed: MessageReader<BakeFailed>,
+) {
+    for message in started.read() {
+        say(&clock, json!({ "what": "started", "path": message.path.to_string() }));
+    }
+    for message in finished.read() {
+        let seconds = message.duration.as_secs_f64();
+        say(&clock, json!({ "what": "finished", "path": message.path.to_string(), "seconds": seconds }));
+    }
+    for message in failed.read() {
+        say(&clock, json!({ "what": "failed", "path": message.path.to_string(), "error": message.error }));
+    }
+}
+
+fn report_models(
+    clock: Res<Clock>,
+    models: Res<Models>,
+    assets: Res<Assets<Gltf>>,
+    mut events: MessageReader<AssetEvent<Gltf>>,
+    mut failures: MessageReader<AssetLoadFailedEvent<Gltf>>,
+) {
+    let path_of = |id: AssetId<Gltf>| models.0.iter().find(|(_, h)| h.id() == id).map(|(path, _)| path);
+    for event in events.read() {
+        let AssetEvent::LoadedWithDependencies { id } = event else { continue };
+        let (Some(gltf), Some(path)) = (assets.get(*id), path_of(*id)) else { continue };
+        let levels = gltf.named_nodes.keys().filter(|name| name.starts_with("LOD") && !name.contains(' ')).count();
+        say(&clock, json!({ "what": "loaded", "path": path, "levels": levels }));
+    }
+    for failure in failures.read() {
+        let kept = assets.contains(failure.id);
+        say(&clock, json!({ "what": "load failed", "path": failure.path.to_string(), "kept": kept }));
+    }
+}
+
+fn report_instance(ready: On<WorldInstanceReady>, clock: Res<Clock>, names: Query<&Name>) {
+    let name = names.get(ready.entity).map(Name::to_string).unwrap_or_default();
+    say(&clock, json!({ "what": "instance", "path": name }));
+}
+
+fn quit(asked: Res<QuitAsked>, clock: Res<Clock>, mut exit: MessageWriter<AppExit>) {
+    if asked.0.load(Ordering::Relaxed) {
+        say(&clock, json!({ "what": "end", "worst_frame": clock.worst.as_secs_f64() }));
+        exit.write(AppExit::Success);
+    }
+}

@@ -1,0 +1,176 @@
+//! What is baked when, and what the game shows meanwhile.
+
+use std::fs;
+
+use super::model::{globe, globe_glb, png};
+use super::project::{Project, files_below};
+
+/// A model in three files.
+fn with_globe() -> Project {
+    let project = Project::new();
+    let (json, bin) = globe(40);
+    project.save("assets/globe.gltf", json.to_string());
+    project.save("assets/globe.bin", bin);
+    project.save("assets/globe.png", png([200, 30, 30]));
+    project
+}
+
+fn with_ball() -> Project {
+    let project = Project::new();
+    project.save("assets/ball.glb", globe_glb(40));
+    project
+}
+
+#[test]
+fn the_model_comes_at_once_and_its_levels_follow() {
+    let project = with_globe();
+    let mut game = project.run();
+    game.wait_for_levels("globe.gltf", 0);
+    game.wait_for("finished", "globe.gltf");
+    game.wait_for_levels("globe.gltf", 2);
+    assert_eq!((game.count("started"), game.count("failed")), (1, 0));
+    game.quit();
+    let processed = fs::read(project.path("imported_assets/Default/globe.gltf")).expect("processed");
+    assert!(processed.starts_with(b"glTF"));
+
+    let mut second = project.run();
+    second.wait_for_levels("globe.gltf", 2);
+    second.wait_for("instance", "globe.gltf");
+    assert_eq!((second.count("started"), second.count("loaded")), (0, 1));
+    second.quit();
+
+    // Another checkout of the project with the same cache bakes nothing either.
+    fs::remove_dir_all(project.path("imported_assets")).expect("removes");
+    let mut third = project.run();
+    third.wait_for_levels("globe.gltf", 2);
+    assert_eq!((third.count("started"), third.count("loaded")), (0, 1));
+    third.quit();
+}
+
+#[test]
+fn a_saved_texture_gives_new_levels() {
+    let project = with_globe();
+    let mut game = project.run();
+    game.wait_for_levels("globe.gltf", 2);
+    let before = fs::read(project.path("imported_assets/Default/globe.gltf")).expect("processed");
+    project.save("assets/globe.png", png([30, 30, 200]));
+    game.wait_for("started", "globe.gltf");
+    game.wait_for_levels("globe.gltf", 2);
+    assert_ne!(before, fs::read(project.path("imported_assets/Default/globe.gltf")).expect("processed"));
+    game.quit();
+}
+
+#[test]
+fn saved_settings_give_new_levels_and_a_mistake_in_them_costs_none_of_the_model() {
+    let meta = |settings: &str| {
+        format!(
+            "(meta_format_version: \"1.0\",\n asset: Process(processor: \"bevy_simpliguard::SimpliguardProcess\",\n \
+             settings: ({settings})))"
+        )
+    };
+    let project = with_ball();
+    project.save("assets/ball.glb.meta", meta("faces: [100, 200, 400]"));
+    let mut game = project.run();
+    game.wait_for_levels("ball.glb", 3);
+    project.save("assets/ball.glb.meta", meta("faces: [150]"));
+    game.wait_for_levels("ball.glb", 1);
+    project.save("assets/ball.glb.meta", meta("fces: [150]"));
+    let failed = game.wait_for("failed", "ball.glb");
+    assert_eq!(failed["error"], "settings: ball.glb.meta:3:13: unknown field 'fces'; did you mean 'faces'?");
+    game.wait_for_levels("ball.glb", 0);
+    project.save("assets/ball.glb.meta", meta("faces: [150]"));
+    game.wait_for_levels("ball.glb", 1);
+    assert_eq!(game.count("started"), 2);
+    game.quit();
+}
+
+#[test]
+fn saved_project_settings_reach_every_model() {
+    let project = with_ball();
+    project.save("assets/more/ball.glb", globe_glb(50));
+    let mut game = project.run();
+    for path in ["ball.glb", "more/ball.glb"] {
+        game.wait_for("finished", path);
+    }
+    let text = fs::read_to_string(project.path("config/simpliguard.ron")).expect("reads");
+    project.save("config/simpliguard.ron", text.replace("[100, 200]", "[120]"));
+    game.wait_for("finished", "ball.glb");
+    game.wait_for("finished", "more/ball.glb");
+    assert_eq!(game.count("started"), 4);
+    game.quit();
+}
+
+#[test]
+fn a_saved_model_is_baked_again_and_a_broken_one_leaves_the_last_good() {
+    let project = with_ball();
+    let mut game = project.run();
+    game.wait_for_levels("ball.glb", 2);
+    let good = globe_glb(44);
+    project.save("assets/ball.glb", &good);
+    game.wait_for("finished", "ball.glb");
+    game.wait_for_levels("ball.glb", 2);
+    let processed = project.path("imported_assets/Default/ball.glb");
+    let levels = fs::read(&processed).expect("processed");
+
+    let broken = &good[..good.len() / 2];
+    project.save("assets/ball.glb", broken);
+    let failed = game.wait_for("failed", "ball.glb");
+    assert!(failed["error"].as_str().expect("text").starts_with("ball.glb: import: "), "{failed}");
+    game.wait_for_levels("ball.glb", 2);
+    assert_eq!(levels, fs::read(&processed).expect("processed"));
+    game.quit();
+    assert_eq!(fs::read(project.path("assets/ball.glb")).expect("reads"), broken);
+
+    // Still broken at the next start.
+    let mut second = project.run();
+    second.wait_for("failed", "ball.glb");
+    second.wait_for_levels("ball.glb", 2);
+    project.save("assets/ball.glb", &good);
+    second.wait_for_levels("ball.glb", 2);
+    assert_eq!((second.count("started"), second.count("load failed")), (0, 0));
+    second.quit();
+}
+
+#[test]
+fn a_game_killed_while_it_bakes_bakes_at_the_next_start() {
+    let project = with_ball();
+    project.save(
+        "assets/ball.glb.meta",
+        "(meta_format_version: \"1.0\", asset: Process(processor: \"SimpliguardProcess\", settings: (faces: [1000], \
+         quality: Best, views: 48, view_size: 512, candidates: All)))",
+    );
+    let mut game = project.run();
+    game.wait_for("started", "ball.glb");
+    game.wait_for_levels("ball.glb", 0);
+    game.kill();
+    assert!(files_below(&project.path("cache")).is_empty());
+
+    let mut second = project.run();
+    second.wait_for_levels("ball.glb", 0);
+    second.wait_for_levels("ball.glb", 1);
+    assert_eq!(second.count("started"), 1);
+    second.quit();
+    let mut third = project.run();
+    third.wait_for_levels("ball.glb", 1);
+    assert_eq!(third.count("started"), 0);
+    third.quit();
+}
+
+#[test]
+fn a_blocking_game_sees_nothing_but_levels() {
+    let project = with_globe();
+    let mut game = project.run_with("blocking: true");
+    game.wait_for_levels("globe.gltf", 2);
+    game.wait_for("instance", "globe.gltf");
+    assert_eq!((game.count("started"), game.count("loaded")), (1, 1));
+    game.quit();
+}
+
+#[test]
+fn names_with_several_dots_are_models_too() {
+    let project = Project::new();
+    project.save("assets/hero.v2.glb", globe_glb(40));
+    let mut game = project.run();
+    game.wait_for_levels("hero.v2.glb", 2);
+    game.quit();
+}

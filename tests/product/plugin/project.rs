@@ -1,0 +1,163 @@
+//! A game's folder with the game running in a process of its own.
+
+use std::fs;
+use std::io::{BufRead, BufReader};
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
+use std::thread;
+use std::time::{Duration, Instant};
+
+use serde_json::Value;
+use tempfile::TempDir;
+
+use super::app;
+
+/// Far more than anything takes, on a machine that does other things as well.
+const PATIENCE: Duration = Duration::from_secs(120);
+
+/// Settings with which a bake takes a fraction of a second.
+const QUICK: &str = "(defaults: (faces: [100, 200], quality: Draft, candidates: Source, views: 8, view_size: 128, \
+                     texture_size: 64, normal_map: false))";
+
+/// A folder with `assets/`, `config/` and a cache.
+pub(super) struct Project {
+    dir: TempDir,
+}
+
+impl Project {
+    pub(super) fn new() -> Self {
+        let project = Self { dir: tempfile::tempdir().expect("tempdir") };
+        project.save("config/simpliguard.ron", QUICK);
+        fs::create_dir(project.path("assets")).expect("makes a folder");
+        project
+    }
+
+    pub(super) fn path(&self, below: &str) -> PathBuf {
+        self.dir.path().join(below)
+    }
+
+    /// Writes a file as an editor does.
+    pub(super) fn save(&self, below: &str, content: impl AsRef<[u8]>) {
+        let path = self.path(below);
+        fs::create_dir_all(path.parent().expect("it is below a folder")).expect("makes a folder");
+        fs::write(path, content).expect("writes");
+    }
+
+    /// Starts the game, which loads every model in `assets/`.
+    pub(super) fn run(&self) -> Game {
+        self.run_with("")
+    }
+
+    /// Starts the game with options of [`app::Options`], as RON without the parentheses.
+    pub(super) fn run_with(&self, options: &str) -> Game {
+        let mut child = Command::new(std::env::current_exe().expect("known"))
+            .args(["--exact", app::NAME, "--ignored", "--nocapture", "--test-threads=1"])
+            .env("BEVY_ASSET_ROOT", self.dir.path())
+            .env("SIMPLIGUARD_CACHE_DIR", self.path("cache"))
+            .env(app::OPTIONS, format!("({options})"))
+            .stdin(Stdio::piped())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .expect("starts");
+        let (lines, log) = (lines_of(child.stdout.take()), lines_of(child.stderr.take()));
+        Game { child, lines, log, past: Vec::new() }
+    }
+}
+
+fn lines_of(stream: Option<impl std::io::Read + Send + 'static>) -> Receiver<String> {
+    let (sender, receiver) = channel();
+    let stream = BufReader::new(stream.expect("it is piped"));
+    thread::spawn(move || stream.lines().map_while(Result::ok).try_for_each(|line| sender.send(line)));
+    receiver
+}
+
+/// The running game, and what it has reported.
+pub(super) struct Game {
+    child: Child,
+    lines: Receiver<String>,
+    log: Receiver<String>,
+    past: Vec<Value>,
+}
+
+impl Game {
+    /// Waits for the next report for which `wanted` holds.
+    #[track_caller]
+    pub(super) fn wait(&mut self, what: &str, wanted: impl Fn(&Value) -> bool) -> Value {
+        let end = Instant::now() + PATIENCE;
+        loop {
+            match self.lines.recv_timeout(end.saturating_duration_since(Instant::now())) {
+                Ok(line) => {
+                    let Some(report) = line.strip_prefix(app::REPORT) else { continue };
+                    let report: Value = serde_json::from_str(report).expect("JSON");
+                    self.past.push(report.clone());
+                    if wanted(&report) {
+                        return report;
+                    }
+                }
+                Err(RecvTimeoutError::Timeout) => panic!("{what} never came\n{}", self.story()),
+                Err(RecvTimeoutError::Disconnected) => panic!("the game ended before {what}\n{}", self.story()),
+            }
+        }
+    }
+
+    /// Waits until the game shows a model with so many levels; 0 is the model alone.
+    #[track_caller]
+    pub(super) fn wait_for_levels(&mut self, path: &str, levels: u64) -> Value {
+        let what = format!("{path} with {levels} levels");
+        self.wait(&what, |r| r["what"] == "loaded" && r["path"] == path && r["levels"] == levels)
+    }
+
+    /// Waits for a message about a model, such as `started`.
+    #[track_caller]
+    pub(super) fn wait_for(&mut self, what: &str, path: &str) -> Value {
+        self.wait(&format!("{what} of {path}"), |r| r["what"] == what && r["path"] == path)
+    }
+
+    /// How many reports of a kind there were.
+    pub(super) fn count(&self, what: &str) -> usize {
+        self.past.iter().filter(|r| r["what"] == what).count()
+    }
+
+    /// Ends the game as a player does; returns its last report.
+    #[track_caller]
+    pub(super) fn quit(mut self) -> Value {
+        drop(self.child.stdin.take());
+        let last = self.wait("the end", |r| r["what"] == "end");
+        let status = self.child.wait().expect("ends");
+        assert!(status.success(), "{status}\n{}", self.story());
+        last
+    }
+
+    /// Ends the game at once, without a chance to do anything.
+    pub(super) fn kill(mut self) {
+        self.child.kill().expect("kills");
+        self.child.wait().expect("ends");
+    }
+
+    /// Everything for a message.
+    fn story(&mut self) -> String {
+        let reports: Vec<String> = self.past.iter().map(Value::to_string).collect();
+        let log: Vec<String> = self.log.try_iter().collect();
+        format!("reports:\n{}\nlog:\n{}", reports.join("\n"), log.join("\n"))
+    }
+}
+
+impl Drop for Game {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+/// The files below a folder, in order.
+pub(super) fn files_below(folder: &Path) -> Vec<PathBuf> {
+    let mut files: Vec<PathBuf> = Vec::new();
+    for entry in fs::read_dir(folder).into_iter().flatten().filter_map(Result::ok) {
+        let path = entry.path();
+        if path.is_dir() { files.extend(files_below(&path)) } else { files.push(path) }
+    }
+    files.sort();
+    files
+}
