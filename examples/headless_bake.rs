@@ -68,6 +68,7 @@ fn finish(
     processor: Res<AssetProcessor>,
     outcome: Res<Outcome>,
     mut processing: Local<Option<Task<()>>>,
+    mut frames_after: Local<u32>,
     mut exit: MessageWriter<AppExit>,
 ) {
     let processing = processing.get_or_insert_with(|| {
@@ -75,6 +76,10 @@ fn finish(
         IoTaskPool::get().spawn(async move { data.wait_until_finished().await })
     });
     if processing.is_finished() {
+        *frames_after += 1;
+    }
+    // What was told in the last moment arrives with the next frame.
+    if *frames_after == 2 {
         println!("{} baked, {} failed; the rest was up to date", outcome.baked, outcome.failed.len());
         exit.write(if outcome.failed.is_empty() { AppExit::Success } else { AppExit::error() });
     }

@@ -1,4 +1,7 @@
 //! Bevy plugin: bakes levels of detail when a glTF model is imported, and switches them while the game runs.
+//!
+//! [`SimpliguardPlugin`] is all a game adds. [`lod`] is the part that a shipped game keeps: it works on baked files
+//! whatever they were baked by. The rest is behind the feature `bake`, on by default.
 
 #[cfg(feature = "bake")]
 mod bake;

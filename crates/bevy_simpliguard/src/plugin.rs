@@ -32,6 +32,8 @@ pub enum BakeMode {
 /// Without the feature `bake` nothing is baked, and everything but the switching is without effect.
 #[derive(Clone, Debug, Default)]
 pub struct SimpliguardPlugin {
+    /// How levels are chosen at first.
+    pub lods: LodSettings,
     /// Overrides `plugin.mode` of `config/simpliguard.ron`.
     pub mode: Option<BakeMode>,
     /// A profile of `config/simpliguard.ron`.
@@ -40,15 +42,13 @@ pub struct SimpliguardPlugin {
     pub cache_dir: Option<PathBuf>,
     /// Threads that bake; overrides `plugin.threads` of `config/simpliguard.ron`. One less than the cores by default.
     pub threads: Option<usize>,
-    /// How levels are chosen, from the start.
-    pub lods: LodSettings,
 }
 
 impl Plugin for SimpliguardPlugin {
     fn build(&self, app: &mut App) {
+        app.add_plugins(LodPlugin { settings: self.lods.clone() });
         #[cfg(feature = "bake")]
         crate::bake::build(self, app);
-        app.add_plugins(LodPlugin { settings: self.lods.clone() });
     }
 
     #[cfg(feature = "bake")]

@@ -22,6 +22,7 @@ use serde::Deserialize;
 use serde_json::{Value, json};
 
 use super::project::files_below;
+use super::scenes;
 
 /// The name of the test that is the game.
 pub(super) const NAME: &str = "plugin::app::game";
@@ -36,23 +37,35 @@ pub(super) const REPORT: &str = "@ ";
 pub(super) struct Options {
     blocking: bool,
     threads: Option<usize>,
+    scene: Option<Scene>,
+}
+
+/// What happens in the game besides.
+#[derive(Deserialize, Clone, Copy, PartialEq)]
+pub(super) enum Scene {
+    /// A camera moves away from the models; what is in its range is told.
+    CameraMovesAway,
+    /// The first clip of the model plays; what its joints do to source and levels is told.
+    ClipPlays,
 }
 
 #[derive(Resource)]
-struct Clock {
+pub(super) struct Clock {
     start: Instant,
     last: Instant,
     worst: Duration,
 }
 
 #[derive(Resource)]
-struct Models(Vec<(String, Handle<Gltf>)>);
+pub(super) struct Models(pub(super) Vec<(String, Handle<Gltf>)>);
 
 #[test]
 #[ignore = "the game that the other tests start"]
 fn game() {
     let Ok(options) = std::env::var(OPTIONS) else { return };
     let options: Options = ron::from_str(&options).expect("options");
+    // Ends the line that the test runner has begun.
+    println!();
     let mut app = App::new();
     app.add_plugins((
         SimpliguardPlugin {
@@ -71,6 +84,11 @@ fn game() {
         GltfPlugin::default(),
         AnimationPlugin,
     ));
+    match options.scene {
+        Some(Scene::CameraMovesAway) => scenes::move_camera_away(&mut app),
+        Some(Scene::ClipPlays) => scenes::play_clip(&mut app),
+        None => {}
+    }
     let now = Instant::now();
     app.insert_resource(options)
         .insert_resource(Clock { start: now, last: now, worst: Duration::ZERO })
@@ -95,7 +113,8 @@ fn quit_asked() -> Arc<AtomicBool> {
     asked
 }
 
-fn say(clock: &Clock, mut report: Value) {
+/// Reports something to the test.
+pub(super) fn say(clock: &Clock, mut report: Value) {
     report["t"] = json!(clock.start.elapsed().as_secs_f64());
     println!("{REPORT}{report}");
 }

@@ -34,17 +34,15 @@ fn the_model_comes_at_once_and_its_levels_follow() {
     assert!(processed.starts_with(b"glTF"));
 
     let mut second = project.run();
-    second.wait_for_levels("globe.gltf", 2);
+    second.wait_for("loaded", "globe.gltf");
     second.wait_for("instance", "globe.gltf");
-    assert_eq!((second.count("started"), second.count("loaded")), (0, 1));
-    second.quit();
+    second.quit_without_bakes();
 
     // Another checkout of the project with the same cache bakes nothing either.
     fs::remove_dir_all(project.path("imported_assets")).expect("removes");
     let mut third = project.run();
-    third.wait_for_levels("globe.gltf", 2);
-    assert_eq!((third.count("started"), third.count("loaded")), (0, 1));
-    third.quit();
+    third.wait_for("loaded", "globe.gltf");
+    third.quit_without_bakes();
 }
 
 #[test]
@@ -89,13 +87,11 @@ fn saved_project_settings_reach_every_model() {
     let project = with_ball();
     project.save("assets/more/ball.glb", globe_glb(50));
     let mut game = project.run();
-    for path in ["ball.glb", "more/ball.glb"] {
-        game.wait_for("finished", path);
-    }
+    let both = ["ball.glb", "more/ball.glb"];
+    game.wait_for_each("finished", &both);
     let text = fs::read_to_string(project.path("config/simpliguard.ron")).expect("reads");
     project.save("config/simpliguard.ron", text.replace("[100, 200]", "[120]"));
-    game.wait_for("finished", "ball.glb");
-    game.wait_for("finished", "more/ball.glb");
+    game.wait_for_each("finished", &both);
     assert_eq!(game.count("started"), 4);
     game.quit();
 }
@@ -127,7 +123,7 @@ fn a_saved_model_is_baked_again_and_a_broken_one_leaves_the_last_good() {
     second.wait_for_levels("ball.glb", 2);
     project.save("assets/ball.glb", &good);
     second.wait_for_levels("ball.glb", 2);
-    assert_eq!((second.count("started"), second.count("load failed")), (0, 0));
+    assert_eq!((second.count("finished"), second.count("load failed"), second.fewest_levels()), (0, 0, 2));
     second.quit();
 }
 
@@ -137,7 +133,7 @@ fn a_game_killed_while_it_bakes_bakes_at_the_next_start() {
     project.save(
         "assets/ball.glb.meta",
         "(meta_format_version: \"1.0\", asset: Process(processor: \"SimpliguardProcess\", settings: (faces: [1000], \
-         quality: Best, views: 48, view_size: 512, candidates: All)))",
+         candidates: Reconstruction, resolution: Cells(64))))",
     );
     let mut game = project.run();
     game.wait_for("started", "ball.glb");
@@ -151,18 +147,30 @@ fn a_game_killed_while_it_bakes_bakes_at_the_next_start() {
     assert_eq!(second.count("started"), 1);
     second.quit();
     let mut third = project.run();
-    third.wait_for_levels("ball.glb", 1);
-    assert_eq!(third.count("started"), 0);
-    third.quit();
+    third.wait_for("loaded", "ball.glb");
+    third.quit_without_bakes();
 }
 
 #[test]
 fn a_blocking_game_sees_nothing_but_levels() {
     let project = with_globe();
     let mut game = project.run_with("blocking: true");
-    game.wait_for_levels("globe.gltf", 2);
     game.wait_for("instance", "globe.gltf");
-    assert_eq!((game.count("started"), game.count("loaded")), (1, 1));
+    assert_eq!((game.count("started"), game.fewest_levels()), (1, 2));
+    game.quit();
+}
+
+#[test]
+fn files_may_come_after_the_model_that_names_them() {
+    let project = Project::new();
+    let (json, bin) = globe(40);
+    project.save("assets/globe.gltf", json.to_string());
+    let mut game = project.run();
+    let failed = game.wait_for("failed", "globe.gltf");
+    assert!(failed["error"].as_str().expect("text").contains("globe.bin"), "{failed}");
+    project.save("assets/globe.png", png([200, 30, 30]));
+    project.save("assets/globe.bin", bin);
+    game.wait_for_levels("globe.gltf", 2);
     game.quit();
 }
 

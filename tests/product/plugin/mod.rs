@@ -4,3 +4,5 @@ mod app;
 mod bakes;
 mod model;
 mod project;
+mod scenes;
+mod switching;

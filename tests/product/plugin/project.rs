@@ -115,9 +115,31 @@ impl Game {
         self.wait(&format!("{what} of {path}"), |r| r["what"] == what && r["path"] == path)
     }
 
+    /// As [`Self::wait_for`] for several models, in any order.
+    #[track_caller]
+    pub(super) fn wait_for_each(&mut self, what: &str, paths: &[&str]) {
+        let mut left: Vec<&str> = paths.to_vec();
+        while !left.is_empty() {
+            let report = self.wait(&format!("{what} of {left:?}"), |r| r["what"] == what);
+            left.retain(|path| report["path"] != *path);
+        }
+    }
+
     /// How many reports of a kind there were.
     pub(super) fn count(&self, what: &str) -> usize {
         self.past.iter().filter(|r| r["what"] == what).count()
+    }
+
+    /// The fewest levels that any model was loaded with.
+    pub(super) fn fewest_levels(&self) -> u64 {
+        self.past.iter().filter_map(|r| r["levels"].as_u64()).min().expect("a model was loaded")
+    }
+
+    /// Ends a game that had nothing to bake and never showed a model without levels.
+    #[track_caller]
+    pub(super) fn quit_without_bakes(mut self) {
+        assert!(self.count("started") == 0 && self.fewest_levels() > 0, "{}", self.story());
+        self.quit();
     }
 
     /// Ends the game as a player does; returns its last report.

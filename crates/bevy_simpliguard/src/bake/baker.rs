@@ -77,19 +77,19 @@ impl Baker {
             }
             return found.combined.into();
         }
-        if let Err(error) = self.journal.begin(path) {
-            warn!("{path}: should the game end before the bake, the model has to be saved again: {error}");
-        }
+        self.note_pending(path);
         let first = self.seen.lock().unwrap_or_else(PoisonError::into_inner).insert(path.clone());
         let exchangeable = *path.source() == AssetSourceId::Default;
         // Bevy may stop for good if a second change meets a long wait, so only the first is waited for.
         if first && (self.mode == BakeMode::Blocking || !exchangeable) {
-            return self.wait_for(order).await.unwrap_or_else(|| input.files.bytes().clone());
+            let answer = self.wait_for(order).await;
+            return answer.unwrap_or_else(|| self.meanwhile(path, &input));
         }
+        let meanwhile = self.meanwhile(path, &input);
         if exchangeable {
-            self.queue.push(Job::in_background(order, blake3::hash(input.files.bytes())));
+            self.queue.push(Job::in_background(order, blake3::hash(&meanwhile)));
         }
-        input.files.bytes().clone()
+        meanwhile
     }
 
     /// Everything about the model is well, now and at the next start.
@@ -137,17 +137,28 @@ impl Baker {
         answer.recv().await.ok()
     }
 
-    /// For a model that cannot be baked as it is: the latest levels it had if its own bytes are no glTF, else itself.
+    /// For a model with mistakes around it that say how it is to be baked.
     fn without_levels(&self, path: &AssetPath<'static>, input: &Input, error: &Error) -> Bytes {
         self.queue.forget(path);
         // At the next start the message comes again, or nothing if the mistake was mended meanwhile.
-        if let Err(error) = self.journal.begin(path) {
-            warn!("{path}: {error}");
-        }
+        self.note_pending(path);
         self.fail(path, error.to_string());
-        let unreadable = simpliguard::gltf::external_uris("", input.files.bytes()).is_err();
-        let good = || self.last_good(path, input);
-        unreadable.then(good).flatten().unwrap_or_else(|| input.files.bytes().clone())
+        self.meanwhile(path, input)
+    }
+
+    fn note_pending(&self, path: &AssetPath<'static>) {
+        if let Err(error) = self.journal.begin(path) {
+            warn!("{path}: should the game end before the bake, the model has to be saved again: {error}");
+        }
+    }
+
+    /// The model itself, or what was last made of it if it is one that Bevy cannot load.
+    fn meanwhile(&self, path: &AssetPath<'static>, input: &Input) -> Bytes {
+        let source = input.files.bytes();
+        match gltf::Gltf::from_slice(source) {
+            Ok(_) => source.clone(),
+            Err(_) => self.last_good(path, input).unwrap_or_else(|| source.clone()),
+        }
     }
 
     fn last_good(&self, path: &AssetPath<'static>, input: &Input) -> Option<Bytes> {

@@ -56,6 +56,8 @@ pub(crate) fn build(plugin: &SimpliguardPlugin, app: &mut App) {
 
 /// Everything else, once all plugins are built.
 pub(crate) fn finish(plugin: &SimpliguardPlugin, app: &mut App) {
+    // What a renderer puts over it comes later.
+    app.world_mut().get_resource_or_insert_with(|| CompressedImageFormatSupport(CompressedImageFormats::NONE));
     let Some(processor) = app.world().get_resource::<AssetProcessor>().cloned() else {
         info!(
             "no levels are baked: set `AssetPlugin {{ mode: AssetMode::Processed, .. }}` to bake them when models are imported"
@@ -105,9 +107,9 @@ pub(crate) fn finish(plugin: &SimpliguardPlugin, app: &mut App) {
 /// Without a renderer nobody tells the loader of images which formats there are, and it would make models with images
 /// wait for ever.
 pub(crate) fn cleanup(app: &mut App) {
-    if app.is_plugin_added::<ImagePlugin>() && !app.world().contains_resource::<CompressedImageFormatSupport>() {
-        app.insert_resource(CompressedImageFormatSupport(CompressedImageFormats::NONE))
-            .register_asset_loader(ImageLoader::new(CompressedImageFormats::NONE));
+    let formats = app.world().get_resource::<CompressedImageFormatSupport>().map(|support| support.0);
+    if app.is_plugin_added::<ImagePlugin>() && formats == Some(CompressedImageFormats::NONE) {
+        app.register_asset_loader(ImageLoader::new(CompressedImageFormats::NONE));
     }
 }
 

@@ -106,18 +106,19 @@ pub struct LodGroup {
 }
 
 impl LodGroup {
-    /// The distance from a perspective camera to the centre, in world units, from which the level in place `slot` of
-    /// `levels` is at most `settings.pixel_error` off; the camera's own choice adds nothing but the cross-fade.
+    /// The distance from a perspective camera to the centre, in world units, at which the level in place `slot` of
+    /// `levels` starts to fade in. 0 for the first, which needs no distance.
     ///
-    /// `scale` is the largest scale of the instance, `height` the viewport's in physical pixels, `fov` the vertical field
-    /// of view in radians.
+    /// `scale` is the largest scale of the instance, `height` that of the viewport in physical pixels, `fov` the vertical
+    /// field of view in radians. The bias of the instance is not in it.
     pub fn switch_distance(&self, slot: usize, scale: f32, height: f32, fov: f32, settings: &LodSettings) -> f32 {
-        let error = self.levels.iter().take(slot + 1).skip(1).fold(0.0_f32, |e, level| e.max(level.error));
-        let radius = self.radius * scale;
         if slot == 0 {
             return 0.0;
         }
-        distance::switch_distance(error * 2.0 * radius, height, fov, settings.pixel_error) * settings.bias + radius
+        let error = self.levels.iter().skip(1).take(slot).fold(0.0_f32, |worst, level| worst.max(level.error));
+        let radius = self.radius * scale;
+        let from_sphere = distance::switch_distance(2.0 * radius * error, height, fov, settings.pixel_error);
+        from_sphere * settings.bias + radius
     }
 }
 

@@ -131,6 +131,9 @@ impl SceneBuilder<'_, '_> {
     fn build(mut self, bounds: Bounds) {
         let mut levels: Vec<LodLevel> = self.source().into_iter().collect();
         levels.extend(self.file.levels.iter().filter_map(|level| self.spawn_level(level)));
+        if levels.iter().all(|level| level.level == 0) {
+            return;
+        }
         for (slot, level) in levels.iter().enumerate() {
             let show = if slot == 0 { Show::Whole } else { Show::Nothing };
             let member = LodMember { group: self.root, level: level.level };

@@ -33,8 +33,9 @@
 //! - A level stands for the whole scene. While a part of the source is hidden, or all of it but not the instance, the
 //!   instance shows its source. Parts that a game moves or gives other materials do not change in the levels.
 //! - Levels do not morph.
-//! - Materials whose shaders do not dither for `VisibilityRange`s, as unlike `StandardMaterial` custom ones may not, show
-//!   both levels during a cross-fade; [`LodSettings::fade`] 0 has none.
+//! - Cross-fades need materials that dither for `VisibilityRange`s as `StandardMaterial` does. Under a camera with a
+//!   `DepthPrepass` and no other prepass, Bevy 0.19 writes opaque meshes into the depth buffer undithered, so a fade shows
+//!   the background through. [`LodSettings::fade`] 0 does without fades.
 //!
 //! [`VisibilityRange`]: bevy::camera::visibility::VisibilityRange
 
