@@ -10,9 +10,9 @@ use crate::exhibits::{Collection, Exhibit, Pinned};
 use crate::layout::PLINTH_RADIUS;
 use crate::markers;
 
-/// Distances from the camera at which captions are shown, as parts of the distance of what it looks at: captions of
-/// other rows would cover it.
-const IN_FOCUS: Range<f32> = 0.75..1.3;
+/// Depths at which captions are shown, as parts of the depth of what the camera looks at: captions of other rows would
+/// cover it.
+const IN_FOCUS: Range<f32> = 0.7..1.28;
 
 /// Farthest distance at which captions tell the number of triangles, in metres.
 const READABLE: f32 = 12.0;
@@ -113,10 +113,11 @@ fn follow(
     let frame = GlobalTransform::from(*eye);
     for (caption, mut node, mut visibility) in &mut captions {
         let plinth = parents.get(caption.0).and_then(|plinth| plinths.get(plinth.parent()));
-        let edge = plinth.map(|plinth| plinth.translation + Vec3::Z * (PLINTH_RADIUS + 0.1)).ok();
-        let seen = edge
-            .filter(|edge| IN_FOCUS.contains(&(edge.distance(eye.translation) / orbit.shown.distance)))
-            .and_then(|edge| camera.world_to_viewport(&frame, edge).ok());
+        let seen = plinth.ok().map(|plinth| plinth.translation).and_then(|middle| {
+            let depth = (middle - eye.translation).dot(*eye.forward()) / orbit.shown.distance;
+            let edge = middle + Vec3::Z * (PLINTH_RADIUS + 0.1);
+            IN_FOCUS.contains(&depth).then(|| camera.world_to_viewport(&frame, edge).ok())?
+        });
         if let Some(at) = seen {
             node.left = px(at.x - WIDTH / 2.0);
             node.top = px(at.y);

@@ -10,7 +10,7 @@ use crate::exhibits::Collection;
 use crate::layout;
 
 /// The horizon's colour, which distance fades to.
-const AIR: Color = Color::srgb(0.66, 0.71, 0.76);
+const AIR: Color = Color::srgb(0.83, 0.88, 0.92);
 
 pub(crate) fn plugin(app: &mut App) {
     app.insert_resource(ClearColor(AIR));
@@ -22,7 +22,7 @@ fn light(mut commands: Commands) {
     commands.spawn((
         DirectionalLight {
             color: Color::srgb(1.0, 0.96, 0.9),
-            illuminance: 10_500.0,
+            illuminance: 11_500.0,
             shadow_maps_enabled: true,
             ..default()
         },
@@ -40,7 +40,7 @@ fn light(mut commands: Commands) {
 fn ground(mut commands: Commands, mut meshes: ResMut<Assets<Mesh>>, mut materials: ResMut<Assets<StandardMaterial>>) {
     commands.spawn((
         Mesh3d(meshes.add(Plane3d::default().mesh().size(1_000.0, 1_000.0))),
-        MeshMaterial3d(materials.add(matte(Color::srgb(0.42, 0.43, 0.44)))),
+        MeshMaterial3d(materials.add(matte(Color::srgb(0.50, 0.51, 0.51)))),
         NotShadowCaster,
     ));
 }
@@ -52,7 +52,7 @@ fn steps(
     mut meshes: ResMut<Assets<Mesh>>,
     mut materials: ResMut<Assets<StandardMaterial>>,
 ) {
-    let material = materials.add(matte(Color::srgb(0.52, 0.52, 0.51)));
+    let material = materials.add(matte(Color::srgb(0.62, 0.62, 0.60)));
     for model in 1..collection.models.len() {
         let place = layout::row(model);
         let size = Vec3::new(layout::row_width(4), place.y, layout::STEP.x);
@@ -72,7 +72,7 @@ fn camera(mut commands: Commands, mut images: ResMut<Assets<Image>>, collection:
         Orbit::looking(collection.views()[0].1),
         Tonemapping::TonyMcMapface,
         EnvironmentMapLight {
-            intensity: 620.0,
+            intensity: 750.0,
             ..EnvironmentMapLight::hemispherical_gradient(
                 &mut images,
                 Color::srgb(0.80, 0.88, 1.0),
