@@ -7,6 +7,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
+use bevy::app::TerminalCtrlCHandlerPlugin;
 use bevy::asset::AssetMode;
 use bevy::diagnostic::FrameTimeDiagnosticsPlugin;
 use bevy::prelude::*;
@@ -22,7 +23,9 @@ pub(crate) fn open(photos: Option<PathBuf>) -> Result<App, String> {
     if cfg!(target_os = "linux") && env::var_os("DISPLAY").is_none_or(|display| display.is_empty()) {
         return Err("no display: DISPLAY is not set".into());
     }
-    quietly(|| build(photos)).map_err(|message| message.lines().next().unwrap_or("unknown reason").to_owned())
+    let mut app = quietly(|| build(photos)).map_err(|panic| panic.lines().next().unwrap_or_default().to_owned())?;
+    app.add_plugins(TerminalCtrlCHandlerPlugin);
+    Ok(app)
 }
 
 fn build(photos: Option<PathBuf>) -> App {
@@ -37,6 +40,9 @@ fn build(photos: Option<PathBuf>) -> App {
     app.add_plugins((
         SimpliguardPlugin::default(),
         DefaultPlugins
+            .build()
+            // A process has one handler, and where the game does not open it is the bake's.
+            .disable::<TerminalCtrlCHandlerPlugin>()
             .set(AssetPlugin { mode: AssetMode::Processed, ..default() })
             .set(WindowPlugin { primary_window: Some(window), ..default() }),
         FrameTimeDiagnosticsPlugin::default(),

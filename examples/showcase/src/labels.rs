@@ -1,14 +1,21 @@
 //! Captions below the gallery's exhibits: the model, the level and its number of triangles.
 
+use std::ops::Range;
+
 use bevy::camera::visibility::Visibility;
 use bevy::prelude::*;
 
+use crate::camera::Orbit;
 use crate::exhibits::{Collection, Exhibit, Pinned};
 use crate::layout::PLINTH_RADIUS;
 use crate::markers;
 
-/// Farthest distance at which a caption is shown, in metres.
-const READABLE: f32 = 24.0;
+/// Depths at which captions are shown, as parts of the depth of what the camera looks at: captions of other rows would
+/// cover it.
+const IN_FOCUS: Range<f32> = 0.7..1.28;
+
+/// Farthest distance at which captions tell the number of triangles, in metres.
+const READABLE: f32 = 12.0;
 
 /// Width of a caption's box in pixels, which its text is centred in.
 const WIDTH: f32 = 180.0;
@@ -17,9 +24,12 @@ const WIDTH: f32 = 180.0;
 #[derive(Component)]
 struct Caption(Entity);
 
-/// The text of an exhibit's caption.
+/// A caption's text: its exhibit's name, or its number of triangles.
 #[derive(Component)]
-struct CaptionText(Entity);
+enum CaptionText {
+    Name(Entity),
+    Triangles(Entity),
+}
 
 pub(crate) fn plugin(app: &mut App) {
     app.add_systems(Update, (hang, write, clean).chain());
@@ -38,14 +48,25 @@ fn hang(mut commands: Commands, exhibits: Query<(Entity, &Pinned), Added<Pinned>
             },
             Visibility::Hidden,
             children![(
-                Node { padding: UiRect::axes(px(7), px(2)), border_radius: BorderRadius::all(px(4)), ..default() },
-                BackgroundColor(Color::srgba(0.10, 0.11, 0.12, 0.72)),
-                children![(
-                    CaptionText(entity),
-                    Text::default(),
-                    TextFont::from_font_size(13.0),
-                    TextColor(markers::color(level.0)),
-                )],
+                Node {
+                    padding: UiRect::new(px(7), px(7), px(2), px(3)),
+                    border: UiRect::bottom(px(3)),
+                    border_radius: BorderRadius::all(px(4)),
+                    column_gap: px(6),
+                    ..default()
+                },
+                BackgroundColor(Color::srgba(0.10, 0.11, 0.12, 0.78)),
+                BorderColor::all(markers::color(level.0)),
+                children![
+                    (CaptionText::Name(entity), Text::default(), TextFont::from_font_size(13.0)),
+                    (
+                        CaptionText::Triangles(entity),
+                        Node::default(),
+                        Text::default(),
+                        TextFont::from_font_size(13.0),
+                        TextColor(Color::srgb(0.75, 0.76, 0.77)),
+                    ),
+                ],
             )],
         ));
     }
@@ -57,12 +78,18 @@ fn write(
     collection: Res<Collection>,
 ) {
     for (caption, mut text) in &mut texts {
-        let Ok((exhibit, level)) = exhibits.get(caption.0) else { continue };
+        let (CaptionText::Name(exhibit) | CaptionText::Triangles(exhibit)) = caption;
+        let Ok((exhibit, level)) = exhibits.get(*exhibit) else { continue };
         let model = &collection.models[exhibit.0];
-        let name = if level.0 == 0 { model.name.replace('_', " ") } else { format!("LOD{}", level.0) };
-        let known = model.levels.iter().find(|known| known.number == level.0);
-        let triangles = known.map(|known| thousands(u64::from(known.triangles))).unwrap_or_default();
-        text.set_if_neq(Text(format!("{name} {triangles}").trim_end().into()));
+        let words = match caption {
+            CaptionText::Name(_) if level.0 == 0 => model.name.replace('_', " "),
+            CaptionText::Name(_) => format!("LOD{}", level.0),
+            CaptionText::Triangles(_) => {
+                let known = model.levels.iter().find(|known| known.number == level.0);
+                known.map(|known| thousands(u64::from(known.triangles))).unwrap_or_default()
+            }
+        };
+        text.set_if_neq(Text(words));
     }
 }
 
@@ -76,24 +103,32 @@ fn clean(mut commands: Commands, captions: Query<(Entity, &Caption)>, mut gone: 
 
 /// Keeps captions at the front edge of their plinths.
 fn follow(
-    camera: Single<(&Camera, &Transform), With<Camera3d>>,
-    plinths: Query<&Transform, Without<Camera3d>>,
+    camera: Single<(&Camera, &Transform, &Orbit)>,
+    plinths: Query<&Transform, Without<Orbit>>,
     parents: Query<&ChildOf>,
-    mut captions: Query<(&Caption, &mut Node, &mut Visibility)>,
+    mut captions: Query<(&Caption, &mut Node, &mut Visibility), Without<CaptionText>>,
+    mut texts: Query<(&CaptionText, &mut Node)>,
 ) {
-    let (camera, eye) = camera.into_inner();
-    let eye_frame = GlobalTransform::from(*eye);
+    let (camera, eye, orbit) = camera.into_inner();
+    let frame = GlobalTransform::from(*eye);
     for (caption, mut node, mut visibility) in &mut captions {
-        let place = parents.get(caption.0).and_then(|plinth| plinths.get(plinth.parent()));
-        let edge = place.map(|plinth| plinth.translation + Vec3::Z * (PLINTH_RADIUS + 0.1)).ok();
-        let shown = edge
-            .filter(|edge| edge.distance(eye.translation) < READABLE)
-            .and_then(|edge| camera.world_to_viewport(&eye_frame, edge).ok());
-        if let Some(at) = shown {
+        let plinth = parents.get(caption.0).and_then(|plinth| plinths.get(plinth.parent()));
+        let seen = plinth.ok().map(|plinth| plinth.translation).and_then(|middle| {
+            let depth = (middle - eye.translation).dot(*eye.forward()) / orbit.shown.distance;
+            let edge = middle + Vec3::Z * (PLINTH_RADIUS + 0.1);
+            IN_FOCUS.contains(&depth).then(|| camera.world_to_viewport(&frame, edge).ok())?
+        });
+        if let Some(at) = seen {
             node.left = px(at.x - WIDTH / 2.0);
             node.top = px(at.y);
         }
-        visibility.set_if_neq(if shown.is_some() { Visibility::Inherited } else { Visibility::Hidden });
+        visibility.set_if_neq(if seen.is_some() { Visibility::Inherited } else { Visibility::Hidden });
+    }
+    let display = if orbit.shown.distance < READABLE { Display::Flex } else { Display::None };
+    for (caption, mut node) in &mut texts {
+        if matches!(caption, CaptionText::Triangles(_)) && node.display != display {
+            node.display = display;
+        }
     }
 }
 

@@ -32,7 +32,7 @@ struct LegendEntry(u32);
 struct BakeLines;
 
 #[derive(Component)]
-struct Help;
+pub(crate) struct Help;
 
 const TEXT: Color = Color::srgb(0.94, 0.94, 0.92);
 const DIM: Color = Color::srgb(0.70, 0.71, 0.72);
@@ -134,7 +134,8 @@ fn figures(mut text: Single<&mut Text, With<Figures>>, stats: Res<LodStats>, dia
     let fps = diagnostics.get(&FrameTimeDiagnosticsPlugin::FPS).and_then(|fps| fps.smoothed()).unwrap_or(0.0);
     let (drawn, source) = (stats.triangles, stats.source_triangles);
     let percent = 100.0 * drawn as f64 / source.max(1) as f64;
-    let line = format!("{} of {} triangles ({percent:.1} %)   {fps:.0} fps", thousands(drawn), thousands(source));
+    let digits = usize::from(fps < 10.0);
+    let line = format!("{} of {} triangles ({percent:.1} %)   {fps:.digits$} fps", thousands(drawn), thousands(source));
     text.set_if_neq(Text(line));
 }
 

@@ -10,7 +10,7 @@ use bevy::render::view::screenshot::{Screenshot, ScreenshotCaptured, save_to_dis
 
 use crate::camera::{Orbit, View};
 use crate::exhibits::{Collection, Pinned};
-use crate::overlay::Bakes;
+use crate::overlay::{Bakes, Help};
 
 /// Frames between a move of the camera and the picture: shaders and textures come a few frames late.
 const SETTLED: u32 = 8;
@@ -52,8 +52,13 @@ pub(crate) fn plugin(folder: PathBuf) -> impl Plugin {
             step: Step::Waiting(None),
             start: Instant::now(),
         });
-        app.add_systems(Update, (wait, take).chain()).add_observer(taken);
+        app.add_systems(Update, (wait, take).chain()).add_systems(PostStartup, hide_help).add_observer(taken);
     }
+}
+
+/// The keys are of no use in a picture.
+fn hide_help(mut help: Single<&mut Node, With<Help>>) {
+    help.display = Display::None;
 }
 
 fn wait(

@@ -1,5 +1,6 @@
 //! The room: ground, steps, light and air.
 
+use bevy::camera::Hdr;
 use bevy::core_pipeline::tonemapping::Tonemapping;
 use bevy::light::{CascadeShadowConfigBuilder, NotShadowCaster};
 use bevy::prelude::*;
@@ -9,7 +10,7 @@ use crate::exhibits::Collection;
 use crate::layout;
 
 /// The horizon's colour, which distance fades to.
-const AIR: Color = Color::srgb(0.78, 0.81, 0.84);
+const AIR: Color = Color::srgb(0.83, 0.88, 0.92);
 
 pub(crate) fn plugin(app: &mut App) {
     app.insert_resource(ClearColor(AIR));
@@ -21,14 +22,14 @@ fn light(mut commands: Commands) {
     commands.spawn((
         DirectionalLight {
             color: Color::srgb(1.0, 0.96, 0.9),
-            illuminance: 9_000.0,
+            illuminance: 11_500.0,
             shadow_maps_enabled: true,
             ..default()
         },
         CascadeShadowConfigBuilder {
             num_cascades: 3,
-            first_cascade_far_bound: 14.0,
-            maximum_distance: 70.0,
+            first_cascade_far_bound: 12.0,
+            maximum_distance: 60.0,
             ..default()
         }
         .build(),
@@ -39,7 +40,7 @@ fn light(mut commands: Commands) {
 fn ground(mut commands: Commands, mut meshes: ResMut<Assets<Mesh>>, mut materials: ResMut<Assets<StandardMaterial>>) {
     commands.spawn((
         Mesh3d(meshes.add(Plane3d::default().mesh().size(1_000.0, 1_000.0))),
-        MeshMaterial3d(materials.add(matte(Color::srgb(0.60, 0.61, 0.62)))),
+        MeshMaterial3d(materials.add(matte(Color::srgb(0.50, 0.51, 0.51)))),
         NotShadowCaster,
     ));
 }
@@ -51,7 +52,7 @@ fn steps(
     mut meshes: ResMut<Assets<Mesh>>,
     mut materials: ResMut<Assets<StandardMaterial>>,
 ) {
-    let material = materials.add(matte(Color::srgb(0.70, 0.70, 0.69)));
+    let material = materials.add(matte(Color::srgb(0.62, 0.62, 0.60)));
     for model in 1..collection.models.len() {
         let place = layout::row(model);
         let size = Vec3::new(layout::row_width(4), place.y, layout::STEP.x);
@@ -66,10 +67,12 @@ fn steps(
 fn camera(mut commands: Commands, mut images: ResMut<Assets<Image>>, collection: Res<Collection>) {
     commands.spawn((
         Camera3d::default(),
+        // The sky goes through the same tone mapping as the ground that fades into it.
+        Hdr,
         Orbit::looking(collection.views()[0].1),
         Tonemapping::TonyMcMapface,
         EnvironmentMapLight {
-            intensity: 1_100.0,
+            intensity: 750.0,
             ..EnvironmentMapLight::hemispherical_gradient(
                 &mut images,
                 Color::srgb(0.80, 0.88, 1.0),
