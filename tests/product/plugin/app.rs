@@ -1,5 +1,7 @@
 //! The game that the tests start: no window, no renderer, every model of the asset folder loaded and spawned.
 
+#![expect(clippy::print_stdout, reason = "reports to the test that started it")]
+
 use std::io::{Read, stdin};
 use std::path::Path;
 use std::sync::Arc;
