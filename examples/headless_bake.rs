@@ -80,7 +80,11 @@ fn finish(
     }
     // What was told in the last moment arrives with the next frame.
     if *frames_after == 2 {
-        println!("{} baked, {} failed; the rest was up to date", outcome.baked, outcome.failed.len());
+        println!(
+            "{} baked, {} failed; the others were in the cache or up to date",
+            outcome.baked,
+            outcome.failed.len()
+        );
         exit.write(if outcome.failed.is_empty() { AppExit::Success } else { AppExit::error() });
     }
 }
