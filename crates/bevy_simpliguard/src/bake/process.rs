@@ -68,7 +68,9 @@ mod tests {
     #[test]
     fn any_settings_are_taken_and_the_processor_has_the_documented_name() {
         assert_eq!(SimpliguardProcess::type_path(), "bevy_simpliguard::SimpliguardProcess");
-        for settings in ["()", "(faces: [1, 2], quality: Draft)", "(resolution: Cells(64), what: [(a: 1)])", "(fces: -1.5)"] {
+        for settings in
+            ["()", "(faces: [1, 2], quality: Draft)", "(resolution: Cells(64), what: [(a: 1)])", "(fces: -1.5)"]
+        {
             let meta = format!(
                 "(meta_format_version: \"1.0\", asset: Process(processor: \"bevy_simpliguard::SimpliguardProcess\", \
                  settings: {settings}))"
