@@ -14,6 +14,7 @@ mod names;
 mod process;
 mod project;
 mod queue;
+mod status;
 mod worker;
 
 use std::sync::Arc;
@@ -28,6 +29,7 @@ use simpliguard::settings::ProjectSettings;
 
 pub use events::{BakeFailed, BakeFinished, BakeProgress, BakeStarted};
 pub use process::{MetaSettings, SimpliguardProcess};
+pub use status::{BakeStatus, Bakes};
 
 use crate::{BakeMode, SimpliguardPlugin};
 use baker::Baker;
@@ -46,7 +48,8 @@ pub(crate) fn build(plugin: &SimpliguardPlugin, app: &mut App) {
     app.add_message::<BakeStarted>()
         .add_message::<BakeProgress>()
         .add_message::<BakeFinished>()
-        .add_message::<BakeFailed>();
+        .add_message::<BakeFailed>()
+        .init_resource::<Bakes>();
     if app.is_plugin_added::<AssetPlugin>() {
         error!("SimpliguardPlugin must be added before DefaultPlugins (or AssetPlugin): no levels are baked");
         return;
@@ -93,7 +96,7 @@ pub(crate) fn finish(plugin: &SimpliguardPlugin, app: &mut App) {
     }
     app.insert_resource(EventReceiver(receiver))
         .insert_resource(OpenQueue(baker.queue.clone()))
-        .add_systems(PreUpdate, deliver)
+        .add_systems(PreUpdate, (deliver, status::follow).chain())
         .add_systems(Last, close_with_game)
         .init_asset::<Input>()
         .register_asset_loader(InputLoader { processor })
