@@ -9,6 +9,8 @@ pub mod lod;
 mod plugin;
 
 #[cfg(feature = "bake")]
-pub use bake::{BakeFailed, BakeFinished, BakeProgress, BakeStarted, MetaSettings, SimpliguardProcess};
+pub use bake::{
+    BakeFailed, BakeFinished, BakeProgress, BakeStarted, BakeStatus, Bakes, MetaSettings, SimpliguardProcess,
+};
 pub use lod::{LodSettings, LodStats, SimpliguardLods};
 pub use plugin::{BakeMode, SimpliguardPlugin};
