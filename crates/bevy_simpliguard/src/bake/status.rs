@@ -6,13 +6,12 @@ use std::time::Duration;
 use bevy::asset::AssetPath;
 use bevy::prelude::*;
 use simpliguard::StageId;
-
-use super::events::{BakeFailed, BakeFinished, BakeProgress, BakeStarted};
+use simpliguard_cache::Key;
 
 /// How far the levels of a model are.
 #[derive(Clone, Debug, PartialEq)]
 pub enum BakeStatus {
-    /// The bake waits for a free thread.
+    /// The bake waits for a free thread, or for a file that the model refers to and that is not there.
     Queued,
     /// The bake runs.
     Baking {
@@ -40,45 +39,74 @@ impl BakeStatus {
     }
 }
 
-/// The status of every model that was processed since the game started.
+/// The status of every model that was processed since the game started, kept up to date in `PreUpdate`. A model whose
+/// files are those of the last start is not processed again and is not in here.
 #[derive(Resource, Debug, Default)]
 pub struct Bakes {
-    models: BTreeMap<String, (AssetPath<'static>, BakeStatus)>,
+    models: BTreeMap<String, Bake>,
+}
+
+#[derive(Debug)]
+struct Bake {
+    path: AssetPath<'static>,
+    /// What is to be baked; what is heard of other bakes of the model is outdated.
+    key: Option<Key>,
+    status: BakeStatus,
 }
 
 impl Bakes {
+    /// The status of a model.
+    pub fn get(&self, path: &AssetPath<'_>) -> Option<&BakeStatus> {
+        self.models.get(&path.to_string()).map(|bake| &bake.status)
+    }
+
     /// All models in the order of their paths.
     pub fn iter(&self) -> impl Iterator<Item = (&AssetPath<'static>, &BakeStatus)> {
-        self.models.values().map(|(path, status)| (path, status))
+        self.models.values().map(|bake| (&bake.path, &bake.status))
     }
 
     /// Whether no bake runs or waits.
     pub fn is_settled(&self) -> bool {
-        self.models.values().all(|(_, status)| status.is_settled())
+        self.models.values().all(|bake| bake.status.is_settled())
     }
 
-    fn set(&mut self, path: &AssetPath<'static>, status: BakeStatus) {
-        self.models.insert(path.to_string(), (path.clone(), status));
+    /// There is a new wish for a model. `None` is for one that cannot even be wished for.
+    pub(super) fn wish(&mut self, path: &AssetPath<'static>, key: Option<Key>, status: BakeStatus) {
+        self.models.insert(path.to_string(), Bake { path: path.clone(), key, status });
+    }
+
+    /// A bake has something to tell.
+    pub(super) fn advance(&mut self, path: &AssetPath<'static>, key: Key, status: BakeStatus) {
+        if let Some(bake) = self.models.get_mut(&path.to_string()).filter(|bake| bake.key == Some(key)) {
+            bake.status = status;
+        }
     }
 }
 
-pub(super) fn follow(
-    mut bakes: ResMut<Bakes>,
-    mut started: MessageReader<BakeStarted>,
-    mut progress: MessageReader<BakeProgress>,
-    mut finished: MessageReader<BakeFinished>,
-    mut failed: MessageReader<BakeFailed>,
-) {
-    for bake in started.read() {
-        bakes.set(&bake.path, BakeStatus::Baking { stage: StageId::Import, fraction: 0.0 });
-    }
-    for bake in progress.read() {
-        bakes.set(&bake.path, BakeStatus::Baking { stage: bake.stage, fraction: bake.fraction });
-    }
-    for bake in finished.read() {
-        bakes.set(&bake.path, BakeStatus::Done { duration: bake.duration });
-    }
-    for bake in failed.read() {
-        bakes.set(&bake.path, BakeStatus::Failed { error: bake.error.clone() });
+#[cfg(test)]
+mod tests {
+    use simpliguard_cache::KeyBuilder;
+
+    use super::*;
+
+    #[test]
+    fn an_outdated_bake_changes_nothing() {
+        let path = AssetPath::from("a/b.glb");
+        let [old, new] = ["1", "2"].map(|version| KeyBuilder::new(version).finish());
+        let baking = |fraction| BakeStatus::Baking { stage: StageId::Shape, fraction };
+        let mut bakes = Bakes::default();
+        bakes.advance(&path, old, baking(0.1));
+        assert_eq!(bakes.get(&path), None);
+        bakes.wish(&path, Some(old), BakeStatus::Queued);
+        bakes.advance(&path, old, baking(0.2));
+        assert_eq!(bakes.get(&path), Some(&baking(0.2)));
+        assert!(!bakes.is_settled());
+        bakes.wish(&path, Some(new), BakeStatus::Done { duration: Duration::ZERO });
+        bakes.advance(&path, old, baking(0.3));
+        assert!(bakes.is_settled());
+        bakes.wish(&path, None, BakeStatus::Failed { error: "x".into() });
+        bakes.advance(&path, new, baking(0.4));
+        let all: Vec<_> = bakes.iter().map(|(path, status)| (path.to_string(), status.clone())).collect();
+        assert_eq!(all, [("a/b.glb".to_owned(), BakeStatus::Failed { error: "x".into() })]);
     }
 }
