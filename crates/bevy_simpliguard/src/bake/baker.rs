@@ -13,6 +13,7 @@ use simpliguard::Error;
 use simpliguard::settings::{BakeSettings, CacheSettings, Layer, Origin, ProjectFile, parse_meta, resolve};
 use simpliguard_cache::{BakeResult, Cache, Explicit, Key, Lookup, bake_key};
 
+use super::activity::Activity;
 use super::events::{BakeFailed, Event};
 use super::input::Input;
 use super::journal::Journal;
@@ -51,6 +52,7 @@ pub(super) struct Baker {
     /// As the game asks for it.
     pub(super) cache_dir: Option<PathBuf>,
     pub(super) journal: Journal,
+    pub(super) activity: Arc<Activity>,
     pub(super) queue: Arc<Queue>,
     pub(super) events: async_channel::Sender<Event>,
     /// By what the project's file said of it: that may change while the game runs.
@@ -70,6 +72,7 @@ impl Baker {
         if let Some(found) = order.cached() {
             debug!("{path}: levels from the cache");
             let missing = input.files.missing(path);
+            self.tell(Event::Wished { path: path.clone(), key: order.key, cached: missing.is_empty() });
             if missing.is_empty() {
                 self.queue.forget(path);
                 self.settle(&order);
@@ -79,6 +82,7 @@ impl Baker {
             return found.combined.into();
         }
         self.note_pending(path);
+        self.tell(Event::Wished { path: path.clone(), key: order.key, cached: false });
         let first = self.seen.lock().unwrap_or_else(PoisonError::into_inner).insert(path.clone());
         let exchangeable = *path.source() == AssetSourceId::Default;
         // Bevy may stop for good if a second change meets a long wait, so only the first is waited for.
@@ -106,9 +110,10 @@ impl Baker {
         let _ = self.events.try_send(event);
     }
 
-    pub(super) fn fail(&self, path: &AssetPath<'static>, error: String) {
+    /// `key` is that of the bake, if it came so far.
+    pub(super) fn fail(&self, path: &AssetPath<'static>, key: Option<Key>, error: String) {
         error!("{error}");
-        self.tell(Event::Failed(BakeFailed { path: path.clone(), error }));
+        self.tell(Event::Failed(key, BakeFailed { path: path.clone(), error }));
     }
 
     fn order(&self, path: &AssetPath<'static>, input: &Input) -> Result<Order, Error> {
@@ -148,7 +153,7 @@ impl Baker {
         self.queue.forget(path);
         // At the next start the message comes again, or nothing if the mistake was mended meanwhile.
         self.note_pending(path);
-        self.fail(path, error.to_string());
+        self.fail(path, None, error.to_string());
         self.meanwhile(path, input)
     }
 

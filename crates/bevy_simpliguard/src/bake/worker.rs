@@ -79,10 +79,10 @@ impl Worker {
             match self.work(&mut taken) {
                 Ok(finished) => {
                     self.baker.tell(Event::Exchanged(path));
-                    self.baker.tell(Event::Finished(finished));
+                    self.baker.tell(Event::Finished(taken.job.order.key, finished));
                 }
                 Err(Stop::Superseded) => debug!("{path}: the bake is outdated"),
-                Err(Stop::Failed(error)) => self.baker.fail(&path, error),
+                Err(Stop::Failed(error)) => self.baker.fail(&path, Some(taken.job.order.key), error),
             }
             self.baker.queue.release(taken);
         }
@@ -99,8 +99,11 @@ impl Worker {
         let unreadable = |error| Stop::Failed(format!("{path}: {error}"));
         let files = block_on(SourceFiles::read(&self.processor, &path)).map_err(unreadable)?;
         let key = bake_key(&files.source(), &taken.job.order.settings)?;
-        if key != taken.job.order.key && !self.baker.queue.rekey(taken, key) {
-            return Err(Stop::Superseded);
+        if key != taken.job.order.key {
+            if !self.baker.queue.rekey(taken, key) {
+                return Err(Stop::Superseded);
+            }
+            self.baker.tell(Event::Wished { path: path.clone(), key, cached: false });
         }
         taken.job.missing = files.missing(&path);
         let (result, duration) = self.find_or_bake(&files, taken)?;
@@ -110,7 +113,7 @@ impl Worker {
             self.baker.queue.deliver(taken, combined.into(), &journal.processed_file(&path), &scratch)
         });
         match delivered {
-            Ok(Delivery::Done) => {}
+            Ok(Delivery::Done) => self.baker.activity.wrote(path.path()),
             Ok(Delivery::Superseded) => return Err(Stop::Superseded),
             Err(error) => return Err(Stop::Failed(format!("{path}: the levels cannot be put in place: {error}"))),
         }
@@ -140,8 +143,8 @@ impl Worker {
 
     fn bake(&self, files: &SourceFiles, taken: &Taken) -> Result<BakeResult, Stop> {
         let order = &taken.job.order;
-        self.baker.tell(Event::Started(BakeStarted { path: order.path.clone() }));
-        let progress = Sink { baker: &self.baker, path: &order.path };
+        self.baker.tell(Event::Started(order.key, BakeStarted { path: order.path.clone() }));
+        let progress = Sink { baker: &self.baker, order };
         let stages = order.cache.as_deref().map(|cache| cache as &dyn StageStore);
         let context = Context { cancellation: taken.cancellation.clone(), progress: Some(&progress), stages };
         let source = files.source();
@@ -162,12 +165,13 @@ fn keep(order: &Order, result: &BakeResult) {
 
 struct Sink<'a> {
     baker: &'a Baker,
-    path: &'a AssetPath<'static>,
+    order: &'a Order,
 }
 
 impl ProgressSink for Sink<'_> {
     fn report(&self, Progress { stage, fraction, .. }: Progress) {
-        self.baker.tell(Event::Progress(BakeProgress { path: self.path.clone(), stage, fraction }));
+        let message = BakeProgress { path: self.order.path.clone(), stage, fraction };
+        self.baker.tell(Event::Progress(self.order.key, message));
     }
 }
 
