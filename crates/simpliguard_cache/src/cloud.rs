@@ -87,3 +87,38 @@ impl Tier for Cloud {
         self.runtime.block_on(self.write_result(key, entry))
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use simpliguard::KeyBuilder;
+
+    use super::*;
+
+    fn entry() -> Entry {
+        let objects = vec![("a".to_owned(), vec![7; 3000]), ("b".to_owned(), b"content".to_vec())];
+        Entry { made_by: "cpu".into(), objects }
+    }
+
+    #[test]
+    fn what_was_stored_is_found_and_checked() {
+        let cloud = Cloud::open("memory:///levels").expect("opens");
+        let key = KeyBuilder::new("test").finish();
+        assert_eq!(cloud.get(&key), Ok(None));
+        // The second finds its objects there.
+        for _ in 0..2 {
+            cloud.put(&key, &entry()).expect("stores");
+        }
+        assert_eq!(cloud.get(&key), Ok(Some(entry())));
+        let object = cloud.path("objects", &content_hash(b"content").to_hex());
+        cloud.runtime.block_on(cloud.store.put(&object, b"rot".to_vec().into())).expect("stores");
+        assert!(cloud.get(&key).is_err_and(|reason| reason.contains("does not match its hash")));
+        cloud.runtime.block_on(cloud.store.delete(&object)).expect("deletes");
+        assert_eq!(cloud.get(&key), Ok(None));
+    }
+
+    #[test]
+    fn addresses_that_name_no_storage_are_refused() {
+        assert!(Cloud::open("ftp://levels").is_err());
+        assert!(Cloud::open("no address").is_err());
+    }
+}
