@@ -63,6 +63,7 @@ impl Cache {
             return Ok(Once::Cancelled);
         };
         if let Some(found) = find().or_else(|| if self.fetch(key, &tell) { find() } else { None }) {
+            claim.settle();
             return Ok(Once::Found(found));
         }
         let made = make()?;
@@ -70,9 +71,7 @@ impl Cache {
         self.share(key, &tell);
         Ok(Once::Made(made))
     }
-}
 
-impl Cache {
     /// Brings a result here from the shared tier; whether it did.
     fn fetch(&self, key: &Key, tell: &impl Fn(Notice)) -> bool {
         let Some(shared) = self.shared() else { return false };

@@ -49,8 +49,8 @@ impl Shared {
     }
 
     fn open(address: &str, base: &Path, read_only: bool) -> Self {
-        let tier = match folder(address, base) {
-            Some(folder) => Ok(Box::new(Cache::unlimited(folder, read_only)) as _),
+        let tier: Result<Box<dyn Tier>, String> = match folder(address, base) {
+            Some(folder) => Ok(Box::new(Cache::unlimited(folder, read_only))),
             None => open_cloud(address),
         };
         Self { address: address.to_owned(), tier, read_only, failed: Mutex::default() }
@@ -96,7 +96,7 @@ fn folder(address: &str, base: &Path) -> Option<PathBuf> {
 
 #[cfg(feature = "cloud")]
 fn open_cloud(address: &str) -> Result<Box<dyn Tier>, String> {
-    crate::cloud::Cloud::open(address).map(|cloud| Box::new(cloud) as _)
+    Ok(Box::new(crate::cloud::Cloud::open(address)?))
 }
 
 #[cfg(not(feature = "cloud"))]
