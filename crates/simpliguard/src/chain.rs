@@ -46,12 +46,6 @@ pub const STAGES: [Stage; 8] = [
     Stage { id: StageId::Export, version: 1, purpose: "levels and source as one binary glTF" },
 ];
 
-/// A link of the chain by its name.
-pub(crate) fn stage(id: StageId) -> &'static Stage {
-    let found = STAGES.iter().find(|stage| stage.id == id);
-    found.unwrap_or(&STAGES[0])
-}
-
 /// What became of a file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
