@@ -5,3 +5,4 @@ mod bake;
 mod bevy_cli;
 mod plugin;
 mod readme;
+mod tree;
