@@ -4,4 +4,5 @@ mod assets;
 mod bake;
 mod bevy_cli;
 mod plugin;
+mod pops;
 mod readme;
