@@ -8,13 +8,14 @@ use crate::gltf::{self, ExportOptions, Limits};
 use crate::level::{Shared, make_level};
 use crate::mesh::{Topology, TriMesh, self_intersecting};
 use crate::model::{Level, Model, SMALLEST_EXTENT};
+use crate::objects::shapes_key;
 use crate::refine::Refined;
 use crate::render::{Frame, SurfaceSampler, View, take_posed_views, take_views, viewpoints};
 use crate::rig::{Donor, Poses};
 use crate::settings::{BakeSettings, Candidates, ExistingLods, Resolution};
 use crate::shape::{self, Deviation};
 use crate::targets::Targets;
-use crate::{Bvh, Context, Error, Source, StageId, reconstruct};
+use crate::{Bvh, Context, Error, Source, StageId, content_hash, reconstruct};
 
 /// Part of every cache key: raised whenever the output of any stage changes for equal input and settings.
 pub const PIPELINE_VERSION: &str = "2";
@@ -44,6 +45,12 @@ pub const STAGES: [Stage; 8] = [
     Stage { id: StageId::Refine, version: 1, purpose: "differentiable rendering of texture and vertices" },
     Stage { id: StageId::Export, version: 1, purpose: "levels and source as one binary glTF" },
 ];
+
+/// A link of the chain by its name.
+pub(crate) fn stage(id: StageId) -> &'static Stage {
+    let found = STAGES.iter().find(|stage| stage.id == id);
+    found.unwrap_or(&STAGES[0])
+}
 
 /// What became of a file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -241,7 +248,7 @@ fn make_levels(
     context.report(StageId::Shape, None, 0.05);
     let surface = &model.surface;
     let frame = Frame::around(&surface.positions);
-    let hash = blake3::hash(source.bytes);
+    let hash = content_hash(source.bytes);
     let seed = hash.as_bytes()[..8].iter().fold(0u64, |seed, &byte| seed << 8 | u64::from(byte));
     let sampler = SurfaceSampler::new(model);
     let poses = Poses::of(model, settings.poses as usize);
@@ -259,8 +266,14 @@ fn make_levels(
         shape::Inputs { model, bvh: &bvh, donor: &donor, solid: &solid, frame, views: &views, poses: poses.as_ref() };
     let budgets = targets.budgets();
     let params = shape_params(settings, &budgets);
-    let shapes = clock.time(StageId::Shape, || shape::shape(&inputs, &params, context))?;
-    let deviations: Vec<Deviation> = shapes.par_iter().map(|s| shape::deviation(&inputs, &s.mesh)).collect();
+    let (shapes, deviations) = clock.time(StageId::Shape, || {
+        let key = context.key(|| shapes_key(source, model, settings));
+        context.stored(key, || {
+            let shapes = shape::shape(&inputs, &params, context)?;
+            let deviations: Vec<Deviation> = shapes.par_iter().map(|s| shape::deviation(&inputs, &s.mesh)).collect();
+            Ok((shapes, deviations))
+        })
+    })?;
     context.report(StageId::Unwrap, None, 0.4);
     let shared =
         Shared { model, sampler, bvh: &bvh, donor: &donor, frame, views, poses, seed, settings, context, clock };

@@ -10,8 +10,8 @@ use bevy::platform::collections::HashSet;
 use bevy::prelude::*;
 use bytes::Bytes;
 use simpliguard::Error;
-use simpliguard::settings::{BakeSettings, Layer, Origin, ProjectFile, parse_meta, resolve};
-use simpliguard_cache::{BakeResult, Cache, Key, Lookup, bake_key, place};
+use simpliguard::settings::{BakeSettings, CacheSettings, Layer, Origin, ProjectFile, parse_meta, resolve};
+use simpliguard_cache::{BakeResult, Cache, Key, Lookup, bake_key};
 
 use super::activity::Activity;
 use super::events::{BakeFailed, Event};
@@ -55,7 +55,8 @@ pub(super) struct Baker {
     pub(super) activity: Arc<Activity>,
     pub(super) queue: Arc<Queue>,
     pub(super) events: async_channel::Sender<Event>,
-    pub(super) caches: Mutex<BTreeMap<PathBuf, Arc<Cache>>>,
+    /// By what the project's file said of it: that may change while the game runs.
+    pub(super) caches: Mutex<BTreeMap<CacheSettings, Arc<Cache>>>,
     /// Models that were processed since the start.
     pub(super) seen: Mutex<HashSet<AssetPath<'static>>>,
 }
@@ -130,10 +131,14 @@ impl Baker {
     }
 
     fn cache(&self, project: &ProjectFile) -> Option<Arc<Cache>> {
-        let configured = project.project.cache_dir.as_ref().map(|dir| self.project.base.join(dir));
-        let folder = place(self.cache_dir.as_deref(), configured.as_deref())?;
+        let settings = &project.project.cache;
         let mut caches = self.caches.lock().unwrap_or_else(PoisonError::into_inner);
-        Some(caches.entry(folder).or_insert_with_key(|folder| Arc::new(Cache::new(folder.clone()))).clone())
+        if let Some(known) = caches.get(settings) {
+            return Some(known.clone());
+        }
+        let cache = Arc::new(Cache::of_project(self.cache_dir.as_deref(), settings, &self.project.base)?);
+        caches.insert(settings.clone(), cache.clone());
+        Some(cache)
     }
 
     async fn wait_for(&self, order: Order) -> Option<Bytes> {

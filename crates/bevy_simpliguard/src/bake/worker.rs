@@ -9,8 +9,8 @@ use bevy::asset::processor::AssetProcessor;
 use bevy::prelude::*;
 use bevy::tasks::block_on;
 use rayon::{ThreadPool, ThreadPoolBuilder};
-use simpliguard::{Context, Error, Progress, ProgressSink, Report, Status};
-use simpliguard_cache::{BakeResult, bake_key};
+use simpliguard::{Context, Error, Progress, ProgressSink, Report, StageStore, Status};
+use simpliguard_cache::{BakeResult, Once, bake_key};
 use thread_priority::ThreadPriority;
 
 use super::baker::{Baker, Order};
@@ -95,7 +95,6 @@ impl Worker {
 
     /// Looks in the cache once more, bakes if need be, and brings the result where it belongs.
     fn work(&self, taken: &mut Taken) -> Result<BakeFinished, Stop> {
-        let start = Instant::now();
         let path = taken.job.order.path.clone();
         let unreadable = |error| Stop::Failed(format!("{path}: {error}"));
         let files = block_on(SourceFiles::read(&self.processor, &path)).map_err(unreadable)?;
@@ -107,10 +106,7 @@ impl Worker {
             self.baker.tell(Event::Wished { path: path.clone(), key, cached: false });
         }
         taken.job.missing = files.missing(&path);
-        let (result, duration) = match taken.job.order.cached() {
-            Some(result) => (result, Duration::ZERO),
-            None => (self.bake(&files, taken)?, start.elapsed()),
-        };
+        let (result, duration) = self.find_or_bake(&files, taken)?;
         let BakeResult { combined, report, .. } = result;
         let journal = &self.baker.journal;
         let delivered = journal.scratch().and_then(|scratch| {
@@ -129,11 +125,25 @@ impl Worker {
         Ok(BakeFinished { path, report, duration })
     }
 
+    /// Nobody bakes what somebody else on this machine bakes already. The duration is that of our own bake.
+    fn find_or_bake(&self, files: &SourceFiles, taken: &Taken) -> Result<(BakeResult, Duration), Stop> {
+        let (order, start) = (&taken.job.order, Instant::now());
+        let bake = || self.bake(files, taken);
+        let Some(cache) = &order.cache else { return Ok((bake()?, start.elapsed())) };
+        let waits = || debug!("{}: somebody else bakes it", order.path);
+        match cache.once(&order.key, &taken.cancellation, waits, || order.cached(), bake)? {
+            Once::Found(result) => Ok((result, Duration::ZERO)),
+            Once::Made(result) => Ok((result, start.elapsed())),
+            Once::Cancelled => Err(Stop::Superseded),
+        }
+    }
+
     fn bake(&self, files: &SourceFiles, taken: &Taken) -> Result<BakeResult, Stop> {
         let order = &taken.job.order;
         self.baker.tell(Event::Started(order.key, BakeStarted { path: order.path.clone() }));
         let progress = Sink { baker: &self.baker, order };
-        let context = Context { cancellation: taken.cancellation.clone(), progress: Some(&progress) };
+        let stages = order.cache.as_deref().map(|cache| cache as &dyn StageStore);
+        let context = Context { cancellation: taken.cancellation.clone(), progress: Some(&progress), stages };
         let source = files.source();
         let result = self.pool.install(|| BakeResult::compute(&source, &order.settings, &context, None))?;
         keep(order, &result);
