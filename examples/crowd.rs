@@ -110,7 +110,11 @@ fn light(
             Color::srgb(0.70, 0.62, 0.50),
         )
     };
-    let fog = DistanceFog { color: AIR, falloff: FogFalloff::from_visibility(12.0 * radius), ..default() };
+    let fog = DistanceFog {
+        color: AIR,
+        falloff: FogFalloff::Linear { start: 4.0 * radius, end: 50.0 * radius },
+        ..default()
+    };
     commands.spawn((Camera3d::default(), Hdr, sky, fog, Place::Near.view(radius)));
     commands.spawn((
         DirectionalLight {
@@ -207,7 +211,7 @@ impl Place {
         let (height, distance, focus) = match self {
             Self::Near => (1.0, radius + 1.2, radius - 3.0),
             Self::Middle => (0.35 * radius + 1.0, 1.5 * radius + 1.0, 0.25 * radius),
-            Self::Far => (1.2 * radius + 2.0, 4.0 * radius + 4.0, 0.0),
+            Self::Far => (0.9 * radius + 1.0, 2.4 * radius + 2.0, 0.0),
         };
         Transform::from_xyz(0.0, height, distance).looking_at(Vec3::Z * focus, Vec3::Y)
     }

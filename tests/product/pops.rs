@@ -7,21 +7,24 @@ use std::time::Duration;
 use bevy::asset::io::memory::{Dir, MemoryAssetReader};
 use bevy::asset::io::{AssetSourceBuilder, AssetSourceId};
 use bevy::camera::RenderTarget;
+use bevy::core_pipeline::core_3d::Opaque3d;
 use bevy::prelude::*;
+use bevy::render::RenderApp;
+use bevy::render::render_phase::{BinnedRenderPhase, ViewBinnedRenderPhases};
 use bevy::render::render_resource::TextureFormat;
 use bevy::render::view::screenshot::{Screenshot, ScreenshotCaptured};
 use bevy::window::ExitCondition;
 use bevy::winit::WinitPlugin;
-use bevy_simpliguard::lod::{LodPlugin, LodSettings, SimpliguardLods};
+use bevy_simpliguard::lod::{LodPlugin, LodSettings, LodStats, SimpliguardLods};
 use simpliguard::settings::{BakeSettings, Quality};
 use simpliguard::{Context, NoResources, Source, bake};
 
 /// Frames of the camera's move.
 const FRAMES: usize = 200;
 /// Side of the picture in pixels.
-const SIDE: u32 = 320;
-/// Distances of the camera from the octopus, which is 0.9 m long, at the first and last frame.
-const WAY: (f32, f32) = (14.0, 0.75);
+const SIDE: u32 = 360;
+/// Distances of the camera from the octopus at the first and last frame: its diagonal of 1.1 m is 130 and 1,200 pixels long.
+const WAY: (f32, f32) = (4.0, 0.92);
 /// A frame whose difference from the one before is more than this many times the median of its neighbours' is a pop.
 const POP: f64 = 3.0;
 /// Neighbours on each side of a frame.
@@ -38,8 +41,28 @@ fn levels_do_not_pop() {
         "levels {levels:?}; worst ratio {:.2} at frame {}, without levels {:.2}",
         worst.1, worst.0, worst_without.1
     );
-    assert_eq!(levels, [1, 2, 3, 0], "the way shows every level");
+    assert!(levels.len() > 2 && levels.first() == Some(&1) && levels.last() == Some(&0), "{levels:?}");
     assert!(worst.1 < POP, "frame {} pops: {:.2} times the difference of its neighbours", worst.0, worst.1);
+}
+
+#[test]
+#[ignore = "needs a Vulkan driver"]
+fn instances_of_a_level_batch() {
+    let mut scene = Scene::new(octopus());
+    let world = scene.app.world_mut();
+    let handle = world.get::<WorldAssetRoot>(scene.model).expect("a model").0.clone();
+    for i in 1..20 {
+        world.spawn((WorldAssetRoot(handle.clone()), Transform::from_xyz(0.1 * i as f32, -0.2, 0.0)));
+    }
+    world.resource_mut::<LodSettings>().force = Some(1);
+    world.entity_mut(scene.camera).insert(Transform::from_xyz(0.0, 0.0, 5.0));
+    (0..50).for_each(|_| scene.app.update());
+    assert_eq!(scene.app.world().resource::<LodStats>().levels[1].groups, 20);
+    let phases = scene.app.sub_app(RenderApp).world().resource::<ViewBinnedRenderPhases<Opaque3d>>();
+    let draws = |phase: &BinnedRenderPhase<Opaque3d>| {
+        (phase.multidrawable_meshes.len() + phase.batchable_meshes.len(), phase.unbatchable_meshes.len())
+    };
+    assert_eq!(phases.values().map(draws).collect::<Vec<_>>(), [(1, 0)]);
 }
 
 /// The octopus with its levels.
