@@ -251,7 +251,7 @@ fn make_levels(
             clock
                 .time(StageId::Shape, || (Bvh::new(&surface.positions, &surface.triangles), shape::Solid::of(&sampler)))
         },
-        || clock.time(StageId::Refine, || views_of(&sampler, &frame, poses.as_ref(), seed, settings)),
+        || clock.time(StageId::Refine, || views_of(&sampler, &frame, poses.as_ref(), seed, settings, context)),
     );
     context.check(&model.name)?;
     context.report(StageId::Shape, None, 0.15);
@@ -294,22 +294,28 @@ fn make_levels(
     Ok(Made { levels, reports, unmet })
 }
 
-/// The source in the rest pose, and half as often in its other poses.
+/// The source in the rest pose, and half as often in its other poses; fewer views if cancelled.
 fn views_of(
     sampler: &SurfaceSampler<'_>,
     frame: &Frame,
     poses: Option<&Poses<'_>>,
     seed: u64,
     settings: &BakeSettings,
+    context: &Context<'_>,
 ) -> Vec<View> {
     let (count, size) = (settings.views as usize, settings.view_size as usize);
-    let mut views = take_views(sampler, &viewpoints(frame, count, seed), size);
+    // A few at a time, so that a bake that nobody wants any more ends soon.
+    let few = rayon::current_num_threads().max(8);
+    let wanted = || !context.cancellation.is_cancelled();
+    let cameras = viewpoints(frame, count, seed);
+    let taken = cameras.chunks(few).take_while(|_| wanted()).flat_map(|cameras| take_views(sampler, cameras, size));
+    let mut views: Vec<View> = taken.collect();
     let Some(poses) = poses else { return views };
     let surface = &sampler.model().surface;
     let rest = TriMesh { positions: surface.positions.clone(), triangles: Vec::new() };
     let motions = poses.motions(&surface.influences);
     let per_pose = (count / 2).div_ceil(poses.count());
-    for (pose, posed) in poses.posed(&rest, &motions).enumerate() {
+    for (pose, posed) in poses.posed(&rest, &motions).enumerate().take_while(|_| wanted()) {
         let frame = Frame::around(&posed.positions);
         let cameras = viewpoints(&frame, per_pose, seed.wrapping_add(pose as u64 + 1));
         views.extend(take_posed_views(sampler, &posed.positions, pose, &cameras, size));

@@ -68,6 +68,7 @@ pub(crate) fn make_level(
     let influences = clock.time(StageId::Rig, || influences(shared, &shape.mesh));
     let Fitted { low, refined, alpha } = fit(shared, &canvas, shape, &influences, number, budget)?;
     let mesh = low.mesh();
+    context.check(&model.name)?;
     context.report(StageId::Texture, Some(number as usize), 0.85);
     let samples = clock.time(StageId::Texture, || canvas.bake(&mesh, shape.cards.as_ref()));
     let (low, psnr) = clock.time(StageId::Refine, || canvas.finish(low, &samples, alpha));
@@ -119,6 +120,7 @@ fn fit(
 ) -> Result<Fitted, Error> {
     let Shared { model, settings, context, clock, .. } = *shared;
     let small = Canvas::new(shared, full.atlas, full.size.min(FITTED_SIZE));
+    context.check(&model.name)?;
     context.report(StageId::Texture, Some(number as usize), 0.45);
     let (mut low, alpha, smoothness) = clock.time(StageId::Texture, || {
         let samples = small.bake(&shape.mesh, shape.cards.as_ref());
