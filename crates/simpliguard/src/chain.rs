@@ -8,7 +8,7 @@ use crate::gltf::{self, ExportOptions, Limits};
 use crate::level::{Shared, make_level};
 use crate::mesh::{Topology, TriMesh, self_intersecting};
 use crate::model::{Level, Model, SMALLEST_EXTENT};
-use crate::objects::shapes_key;
+use crate::objects::{content_key, shapes_key};
 use crate::refine::Refined;
 use crate::render::{Frame, SurfaceSampler, View, take_posed_views, take_views, viewpoints};
 use crate::rig::{Donor, Poses};
@@ -266,8 +266,9 @@ fn make_levels(
         shape::Inputs { model, bvh: &bvh, donor: &donor, solid: &solid, frame, views: &views, poses: poses.as_ref() };
     let budgets = targets.budgets();
     let params = shape_params(settings, &budgets);
+    let content = context.key(|| content_key(source, model));
     let (shapes, deviations) = clock.time(StageId::Shape, || {
-        let key = context.key(|| shapes_key(source, model, settings));
+        let key = content.map(|content| shapes_key(&content, settings));
         context.stored(key, || {
             let shapes = shape::shape(&inputs, &params, context)?;
             let deviations: Vec<Deviation> = shapes.par_iter().map(|s| shape::deviation(&inputs, &s.mesh)).collect();
@@ -275,8 +276,20 @@ fn make_levels(
         })
     })?;
     context.report(StageId::Unwrap, None, 0.4);
-    let shared =
-        Shared { model, sampler, bvh: &bvh, donor: &donor, frame, views, poses, seed, settings, context, clock };
+    let shared = Shared {
+        model,
+        sampler,
+        bvh: &bvh,
+        donor: &donor,
+        frame,
+        views,
+        poses,
+        seed,
+        content,
+        settings,
+        context,
+        clock,
+    };
     let (chosen, unmet) = targets.choose(&budgets, &deviations);
     let made: Result<Vec<_>, Error> = chosen
         .par_iter()
