@@ -6,3 +6,4 @@ mod bevy_cli;
 mod plugin;
 mod pops;
 mod readme;
+mod tree;

@@ -8,7 +8,7 @@ use crate::gltf::{self, ExportOptions, Limits};
 use crate::level::{Shared, make_level};
 use crate::mesh::{Topology, TriMesh, self_intersecting};
 use crate::model::{Level, Model, SMALLEST_EXTENT};
-use crate::objects::shapes_key;
+use crate::objects::{content_key, shapes_key};
 use crate::refine::Refined;
 use crate::render::{Frame, SurfaceSampler, View, take_posed_views, take_views, viewpoints};
 use crate::rig::{Donor, Poses};
@@ -257,7 +257,7 @@ fn make_levels(
             clock
                 .time(StageId::Shape, || (Bvh::new(&surface.positions, &surface.triangles), shape::Solid::of(&sampler)))
         },
-        || clock.time(StageId::Refine, || views_of(&sampler, &frame, poses.as_ref(), seed, settings)),
+        || clock.time(StageId::Refine, || views_of(&sampler, &frame, poses.as_ref(), seed, settings, context)),
     );
     context.check(&model.name)?;
     context.report(StageId::Shape, None, 0.15);
@@ -266,8 +266,9 @@ fn make_levels(
         shape::Inputs { model, bvh: &bvh, donor: &donor, solid: &solid, frame, views: &views, poses: poses.as_ref() };
     let budgets = targets.budgets();
     let params = shape_params(settings, &budgets);
+    let content = context.key(|| content_key(source, model));
     let (shapes, deviations) = clock.time(StageId::Shape, || {
-        let key = context.key(|| shapes_key(source, model, settings));
+        let key = content.map(|content| shapes_key(&content, settings));
         context.stored(key, || {
             let shapes = shape::shape(&inputs, &params, context)?;
             let deviations: Vec<Deviation> = shapes.par_iter().map(|s| shape::deviation(&inputs, &s.mesh)).collect();
@@ -275,8 +276,20 @@ fn make_levels(
         })
     })?;
     context.report(StageId::Unwrap, None, 0.4);
-    let shared =
-        Shared { model, sampler, bvh: &bvh, donor: &donor, frame, views, poses, seed, settings, context, clock };
+    let shared = Shared {
+        model,
+        sampler,
+        bvh: &bvh,
+        donor: &donor,
+        frame,
+        views,
+        poses,
+        seed,
+        content,
+        settings,
+        context,
+        clock,
+    };
     let (chosen, unmet) = targets.choose(&budgets, &deviations);
     let made: Result<Vec<_>, Error> = chosen
         .par_iter()
@@ -287,22 +300,28 @@ fn make_levels(
     Ok(Made { levels, reports, unmet })
 }
 
-/// The source in the rest pose, and half as often in its other poses.
+/// The source in the rest pose, and half as often in its other poses; fewer views if cancelled.
 fn views_of(
     sampler: &SurfaceSampler<'_>,
     frame: &Frame,
     poses: Option<&Poses<'_>>,
     seed: u64,
     settings: &BakeSettings,
+    context: &Context<'_>,
 ) -> Vec<View> {
     let (count, size) = (settings.views as usize, settings.view_size as usize);
-    let mut views = take_views(sampler, &viewpoints(frame, count, seed), size);
+    // A few at a time, so that a bake that nobody wants any more ends soon.
+    let few = rayon::current_num_threads().max(8);
+    let wanted = || !context.cancellation.is_cancelled();
+    let cameras = viewpoints(frame, count, seed);
+    let taken = cameras.chunks(few).take_while(|_| wanted()).flat_map(|cameras| take_views(sampler, cameras, size));
+    let mut views: Vec<View> = taken.collect();
     let Some(poses) = poses else { return views };
     let surface = &sampler.model().surface;
     let rest = TriMesh { positions: surface.positions.clone(), triangles: Vec::new() };
     let motions = poses.motions(&surface.influences);
     let per_pose = (count / 2).div_ceil(poses.count());
-    for (pose, posed) in poses.posed(&rest, &motions).enumerate() {
+    for (pose, posed) in poses.posed(&rest, &motions).enumerate().take_while(|_| wanted()) {
         let frame = Frame::around(&posed.positions);
         let cameras = viewpoints(&frame, per_pose, seed.wrapping_add(pose as u64 + 1));
         views.extend(take_posed_views(sampler, &posed.positions, pose, &cameras, size));

@@ -268,6 +268,7 @@ fn walk_all(
             if faces == 0 || faces > budget as usize {
                 continue;
             }
+            context.check(&inputs.model.name)?;
             let motions = inputs.motions(&shape.mesh);
             shape.render_error = candidates::render_error(&shape.mesh, &motions, shape.double_sided, &judges);
             shape.self_intersecting = tangled_faces(&shape.mesh);
@@ -283,12 +284,13 @@ fn walk_all(
 fn walk(inputs: &Inputs<'_>, params: &Params, road: Road, context: &Context<'_>) -> Result<Vec<Shape>, Error> {
     let Dense { mesh, pixels, double_sided } = dense(inputs, params, road);
     context.check(&inputs.model.name)?;
-    let shapes = collapse_dense(inputs, params, road, &mesh, &pixels, double_sided);
+    let shapes = collapse_dense(inputs, params, road, &mesh, &pixels, double_sided, context);
     context.check(&inputs.model.name)?;
     Ok(shapes)
 }
 
 /// Collapses a mesh to each budget; some roads offer several shapes, the second for each behind the first for all.
+/// Anything if cancelled.
 fn collapse_dense(
     inputs: &Inputs<'_>,
     params: &Params,
@@ -296,14 +298,19 @@ fn collapse_dense(
     mesh: &TriMesh,
     pixels: &[u32],
     double_sided: bool,
+    context: &Context<'_>,
 ) -> Vec<Shape> {
     let unit = to_unit_sphere(mesh, &inputs.frame);
     let weights = face_weights(&unit, pixels, params.visible_weight);
     let mut simplifier = Simplifier::new(&unit, &weights, params.curvature);
+    simplifier.stop_with(&context.cancellation);
     let largest = params.budgets.last().copied().unwrap_or(0) as usize;
     if params.remove_invisible {
         simplifier.drop_negligible_components(largest, NEGLIGIBLE_FACES);
         simplifier.run(ENCLOSED_AT * largest);
+        if context.cancellation.is_cancelled() {
+            return Vec::new();
+        }
         simplifier.remove_faces(&enclosed(inputs, &simplifier.mesh(), double_sided));
     } else if inputs.poses.is_some() {
         simplifier.run(ENCLOSED_AT * largest);
