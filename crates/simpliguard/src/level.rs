@@ -7,11 +7,11 @@ use crate::chain::{LevelReport, LevelTopology};
 use crate::clock::Clock;
 use crate::mesh::TriMesh;
 use crate::model::{Influences, Level, Model, linear_to_srgb};
-use crate::refine::{self, LowPoly, Refined};
+use crate::refine::{self, LowPoly, Refined, Skin};
 use crate::render::{Frame, Motions, SurfaceSample, SurfaceSampler, View};
-use crate::rig::{self, Donor, Poses, Transfer};
-use crate::settings::{BakeSettings, SkinTransfer};
-use crate::shape::{Cards, Deviation, Road, Shape};
+use crate::rig::{self, Donor, Poses, Split, Transfer};
+use crate::settings::{BakeSettings, MorphTargets, SkinTransfer};
+use crate::shape::{Cards, Deviation, JointPlanes, Road, Shape};
 use crate::texture::{self, Channels, Texel};
 use crate::unwrap::{Atlas, UnwrapParams, unwrap};
 use crate::{Bvh, Context, Error, StageId};
@@ -30,6 +30,7 @@ pub(crate) struct Shared<'a> {
     pub(crate) frame: Frame,
     pub(crate) views: Vec<View>,
     pub(crate) poses: Option<Poses<'a>>,
+    pub(crate) planes: JointPlanes,
     pub(crate) seed: u64,
     pub(crate) settings: &'a BakeSettings,
     pub(crate) context: &'a Context<'a>,
@@ -59,10 +60,14 @@ pub(crate) fn make_level(
     let params = UnwrapParams { size: size as u32, gutter: settings.gutter };
     context.report(StageId::Unwrap, Some(number as usize), 0.4);
     let atlas = clock.time(StageId::Unwrap, || unwrap(&shape.mesh, None, &params));
-    let canvas = Canvas::new(shared, &atlas, size);
     context.report(StageId::Rig, Some(number as usize), 0.42);
     let influences = clock.time(StageId::Rig, || influences(shared, &shape.mesh));
-    let Fitted { low, refined, alpha } = fit(shared, &canvas, shape, &influences, number, budget)?;
+    let fitted = fit(shared, &atlas, size, shape, influences, number, budget)?;
+    let (Fitted { low, influences, refined, alpha }, atlas) = match shape.cards {
+        Some(_) => (fitted, atlas),
+        None => split_at_joints(shared, fitted, atlas, budget),
+    };
+    let canvas = Canvas::new(shared, &atlas, size);
     let mesh = low.mesh();
     context.report(StageId::Texture, Some(number as usize), 0.85);
     let samples = clock.time(StageId::Texture, || canvas.bake(&mesh, shape.cards.as_ref()));
@@ -74,7 +79,11 @@ pub(crate) fn make_level(
     let channels = Channels { normal: settings.normal_map && !unlit, alpha };
     let topology = LevelTopology::of(&mesh);
     let (mesh, textures, material) = clock.time(StageId::Texture, || {
-        let mesh = texture::level_mesh(&mesh, &atlas, &influences, channels.normal);
+        let morphs = match settings.morph_targets {
+            MorphTargets::Transfer => rig::transfer_morphs(shared.donor, &mesh),
+            MorphTargets::Drop => Vec::new(),
+        };
+        let mesh = texture::level_mesh(&mesh, &atlas, &influences, &morphs, channels.normal);
         let (textures, varying) = texture::maps(&mesh, &canvas.texels, &samples, &low.texels, size, channels);
         (mesh, textures, texture::level_material(&varying, alpha, low.double_sided, unlit))
     });
@@ -99,6 +108,7 @@ pub(crate) fn make_level(
 /// A level's mesh with its vertices where they stay.
 struct Fitted {
     low: LowPoly,
+    influences: Vec<Influences>,
     refined: Refined,
     /// It is a cut-out.
     alpha: bool,
@@ -107,22 +117,23 @@ struct Fitted {
 /// Descends on the vertices with a texture of at most [`FITTED_SIZE`].
 fn fit(
     shared: &Shared<'_>,
-    full: &Canvas<'_>,
+    atlas: &Atlas,
+    size: usize,
     shape: &Shape,
-    influences: &[Influences],
+    influences: Vec<Influences>,
     number: u32,
     budget: u32,
 ) -> Result<Fitted, Error> {
     let Shared { model, settings, context, clock, .. } = *shared;
-    let small = Canvas::new(shared, full.atlas, full.size.min(FITTED_SIZE));
+    let small = Canvas::new(shared, atlas, size.min(FITTED_SIZE));
     context.report(StageId::Texture, Some(number as usize), 0.45);
     let (mut low, alpha, smoothness) = clock.time(StageId::Texture, || {
         let samples = small.bake(&shape.mesh, shape.cards.as_ref());
         let alpha = is_cut_out(shape, &samples);
         let (texels, covered) = initial_texture(&samples, small.size, alpha);
         let double_sided = shape.double_sided || alpha;
-        let low = LowPoly::new(&shape.mesh, full.atlas, double_sided, small.size, texels, covered);
-        let low = low.with_motions(shared.poses.as_ref().map_or_else(Motions::default, |p| p.motions(influences)));
+        let low = LowPoly::new(&shape.mesh, atlas, double_sided, small.size, texels, covered);
+        let low = low.with_motions(shared.poses.as_ref().map_or_else(Motions::default, |p| p.all_motions(&influences)));
         (low, alpha, if alpha { None } else { small.smoothness(&samples) })
     });
     context.report(StageId::Refine, Some(number as usize), 0.5);
@@ -134,10 +145,32 @@ fn fit(
         resolve_every: RESOLVE_EVERY,
         seed: shared.seed ^ u64::from(budget),
     };
+    let mut skin = shared.poses.as_ref().filter(|_| settings.refine_weights).map(|p| Skin::new(p, influences.clone()));
     let refined = clock.time(StageId::Refine, || {
-        refine::refine(&mut low, &shared.views, shared.frame.radius, &params, &model.name, context)
+        refine::refine(&mut low, skin.as_mut(), &shared.views, shared.frame.radius, &params, &model.name, context)
     })?;
-    Ok(Fitted { low, refined, alpha })
+    Ok(Fitted { low, influences: skin.map_or(influences, Skin::into_influences), refined, alpha })
+}
+
+/// Splits the faces along the joint planes, if that comes last: their parts keep their place in the atlas.
+fn split_at_joints(shared: &Shared<'_>, fitted: Fitted, atlas: Atlas, budget: u32) -> (Fitted, Atlas) {
+    let JointPlanes { planes, split: done } = &shared.planes;
+    if *done || planes.is_empty() {
+        return (fitted, atlas);
+    }
+    let Fitted { low, mut influences, refined, alpha } = fitted;
+    let Split { mesh, parts, .. } = rig::split_along(shared.model, &low.mesh(), &influences, planes, budget as usize);
+    influences.extend(self::influences(shared, &mesh).into_iter().skip(influences.len()));
+    let uvs = parts.iter().map(|(face, places)| {
+        let [a, b, c] = atlas.uvs[*face as usize];
+        places.map(|place| a * place.x + b * place.y + c * place.z)
+    });
+    let uvs = uvs.collect();
+    let chart = parts.iter().map(|(face, _)| atlas.chart[*face as usize]).collect();
+    let atlas = Atlas { uvs, chart, ..atlas };
+    let motions = shared.poses.as_ref().map_or_else(Motions::default, |p| p.all_motions(&influences));
+    let low = LowPoly::new(&mesh, &atlas, low.double_sided, low.size, low.texels, low.covered).with_motions(motions);
+    (Fitted { low, influences, refined, alpha }, atlas)
 }
 
 impl<'a> Canvas<'a> {
