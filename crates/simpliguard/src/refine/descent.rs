@@ -56,7 +56,8 @@ pub struct Refined {
     pub psnr: f32,
 }
 
-/// Fits `low` to the views, and `skin` to those in other poses, `radius` being the source's. Never ends worse than it began by the views held out.
+/// Fits `low` to the views, and `skin` to those in other poses, `radius` being the source's. Never ends worse than it
+/// began by the views held out.
 ///
 /// # Errors
 /// If cancelled.

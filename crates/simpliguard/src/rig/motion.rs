@@ -149,11 +149,11 @@ mod tests {
         };
         let influences = Influences { joints: [1, 0, 0, 0], weights: [0.625, 0.375, 0.0, 0.0] };
         let derivatives = skinning.by_weights(&bones, &influences, p);
-        for k in 0..2 {
+        for (k, derivative) in derivatives.into_iter().enumerate().take(2) {
             let h = 0.004;
             let difference = (at(k, h) - at(k, -h)) / (2.0 * h);
-            assert!(derivatives[k].distance(difference) < 1e-3, "{k}: {} {difference}", derivatives[k]);
-            assert!(derivatives[k].length() > 0.1);
+            assert!(derivative.distance(difference) < 1e-3, "{k}: {derivative} {difference}");
+            assert!(derivative.length() > 0.1);
         }
     }
 }

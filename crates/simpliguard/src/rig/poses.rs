@@ -155,20 +155,23 @@ mod tests {
     #[test]
     fn poses_far_from_each_other_are_chosen_and_repeated_ones_are_not() {
         let model = model(&[0.0, 1.5, 0.0, 1.5, -1.5]);
-        let poses = Poses::of(&model, 4).expect("it moves");
-        assert_eq!(poses.chosen.iter().map(|p| p.frame).collect::<Vec<_>>(), [Some((1, 0.0)), Some((4, 0.0))]);
+        let skinning = Skinning::of(&model).expect("bones");
+        let chosen = representative(&skinning, &model.surface, 4);
+        assert_eq!(chosen.iter().map(|p| p.frame).collect::<Vec<_>>(), [Some((1, 0.0)), Some((4, 0.0))]);
+        let poses = Poses::of(&model, 1, 4).expect("it moves");
+        assert_eq!((poses.count(), poses.all()), (1, 2));
     }
 
     #[test]
     fn clips_that_move_nothing_give_no_poses() {
         let model = model(&[0.0, 0.0]);
-        assert!(Poses::of(&model, 4).is_none());
+        assert!(Poses::of(&model, 4, 4).is_none());
     }
 
     #[test]
     fn a_vertex_on_two_bones_goes_half_the_way() {
         let model = model(&[std::f32::consts::PI]);
-        let poses = Poses::of(&model, 1).expect("it moves");
+        let poses = Poses::of(&model, 1, 1).expect("it moves");
         let half = Influences { joints: [1, 0, 0, 0], weights: [0.5, 0.5, 0.0, 0.0] };
         let mesh = TriMesh { positions: vec![Vec3::X; 2], triangles: Vec::new() };
         let posed = poses.posed(&mesh, &poses.motions(&[Influences::rigid(1), half])).next().expect("a pose");

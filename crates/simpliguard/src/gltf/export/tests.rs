@@ -180,6 +180,7 @@ fn level(budget: u32, skinned: bool) -> Level {
             uvs: vec![Vec2::ZERO, Vec2::X, Vec2::Y],
             influences,
             triangles: vec![[0, 1, 2]],
+            morphs: Vec::new(),
         },
         material: LevelMaterial {
             alpha_mode: AlphaMode::Opaque,
