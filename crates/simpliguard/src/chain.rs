@@ -8,13 +8,14 @@ use crate::gltf::{self, ExportOptions, Limits};
 use crate::level::{Shared, make_level};
 use crate::mesh::{Topology, TriMesh, self_intersecting};
 use crate::model::{Level, Model, SMALLEST_EXTENT};
+use crate::objects::{content_key, shapes_key};
 use crate::refine::Refined;
 use crate::render::{Frame, SurfaceSampler, View, take_posed_views, take_views, viewpoints};
 use crate::rig::{self, Donor, Poses};
 use crate::settings::{BakeSettings, Candidates, ExistingLods, JointPlanes, MorphTargets, Resolution};
 use crate::shape::{self, Deviation};
 use crate::targets::Targets;
-use crate::{Bvh, Context, Error, Source, StageId, reconstruct};
+use crate::{Bvh, Context, Error, Source, StageId, content_hash, reconstruct};
 
 /// Part of every cache key: raised whenever the output of any stage changes for equal input and settings.
 pub const PIPELINE_VERSION: &str = "2";
@@ -44,6 +45,12 @@ pub const STAGES: [Stage; 8] = [
     Stage { id: StageId::Refine, version: 1, purpose: "differentiable rendering of texture and vertices" },
     Stage { id: StageId::Export, version: 1, purpose: "levels and source as one binary glTF" },
 ];
+
+/// A link of the chain by its name.
+pub(crate) fn stage(id: StageId) -> &'static Stage {
+    let found = STAGES.iter().find(|stage| stage.id == id);
+    found.unwrap_or(&STAGES[0])
+}
 
 /// What became of a file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -241,7 +248,7 @@ fn make_levels(
     context.report(StageId::Shape, None, 0.05);
     let surface = &model.surface;
     let frame = Frame::around(&surface.positions);
-    let hash = blake3::hash(source.bytes);
+    let hash = content_hash(source.bytes);
     let seed = hash.as_bytes()[..8].iter().fold(0u64, |seed, &byte| seed << 8 | u64::from(byte));
     let sampler = SurfaceSampler::new(model);
     let poses = Poses::of(model, settings.poses as usize, posed_views(settings));
@@ -250,7 +257,7 @@ fn make_levels(
             clock
                 .time(StageId::Shape, || (Bvh::new(&surface.positions, &surface.triangles), shape::Solid::of(&sampler)))
         },
-        || clock.time(StageId::Refine, || views_of(&sampler, &frame, poses.as_ref(), seed, settings)),
+        || clock.time(StageId::Refine, || views_of(&sampler, &frame, poses.as_ref(), seed, settings, context)),
     );
     context.check(&model.name)?;
     context.report(StageId::Shape, None, 0.15);
@@ -263,8 +270,15 @@ fn make_levels(
         split: settings.joint_planes == JointPlanes::BeforeUnwrap,
     };
     let params = shape::Params { joint_planes: planes.clone(), ..shape_params(settings, &budgets) };
-    let shapes = clock.time(StageId::Shape, || shape::shape(&inputs, &params, context))?;
-    let deviations: Vec<Deviation> = shapes.par_iter().map(|s| shape::deviation(&inputs, &s.mesh)).collect();
+    let content = context.key(|| content_key(source, model));
+    let (shapes, deviations) = clock.time(StageId::Shape, || {
+        let key = content.map(|content| shapes_key(&content, settings));
+        context.stored(key, || {
+            let shapes = shape::shape(&inputs, &params, context)?;
+            let deviations: Vec<Deviation> = shapes.par_iter().map(|s| shape::deviation(&inputs, &s.mesh)).collect();
+            Ok((shapes, deviations))
+        })
+    })?;
     context.report(StageId::Unwrap, None, 0.4);
     let shared = Shared {
         model,
@@ -276,6 +290,7 @@ fn make_levels(
         poses,
         planes,
         seed,
+        content,
         settings,
         context,
         clock,
@@ -295,19 +310,25 @@ fn posed_views(settings: &BakeSettings) -> usize {
     settings.views as usize / 2
 }
 
-/// The source in the rest pose and in its other poses.
+/// The source in the rest pose and in its other poses; fewer views if cancelled.
 fn views_of(
     sampler: &SurfaceSampler<'_>,
     frame: &Frame,
     poses: Option<&Poses<'_>>,
     seed: u64,
     settings: &BakeSettings,
+    context: &Context<'_>,
 ) -> Vec<View> {
-    let size = settings.view_size as usize;
-    let mut views = take_views(sampler, &viewpoints(frame, settings.views as usize, seed), size);
+    let (count, size) = (settings.views as usize, settings.view_size as usize);
+    // A few at a time, so that a bake that nobody wants any more ends soon.
+    let few = rayon::current_num_threads().max(8);
+    let wanted = || !context.cancellation.is_cancelled();
+    let cameras = viewpoints(frame, count, seed);
+    let taken = cameras.chunks(few).take_while(|_| wanted()).flat_map(|cameras| take_views(sampler, cameras, size));
+    let mut views: Vec<View> = taken.collect();
     let Some(poses) = poses else { return views };
     let count = posed_views(settings);
-    let posed = (0..poses.all()).into_par_iter().flat_map(|pose| {
+    let posed = (0..poses.all()).into_par_iter().filter(|_| wanted()).flat_map(|pose| {
         let positions = poses.source_in(pose);
         let all = viewpoints(&Frame::around(&positions), count, seed.wrapping_add(1));
         let own: Vec<_> = all.into_iter().skip(pose).step_by(poses.all()).collect();

@@ -7,6 +7,7 @@ use crate::chain::{LevelReport, LevelTopology};
 use crate::clock::Clock;
 use crate::mesh::TriMesh;
 use crate::model::{Influences, Level, Model, linear_to_srgb};
+use crate::objects::{atlas_key, descent_key};
 use crate::refine::{self, LowPoly, Refined, Skin};
 use crate::render::{Frame, Motions, SurfaceSample, SurfaceSampler, View};
 use crate::rig::{self, Donor, Poses, Split, Transfer};
@@ -14,7 +15,7 @@ use crate::settings::{BakeSettings, MorphTargets, SkinTransfer};
 use crate::shape::{Cards, Deviation, JointPlanes, Road, Shape};
 use crate::texture::{self, Channels, Texel};
 use crate::unwrap::{Atlas, UnwrapParams, unwrap};
-use crate::{Bvh, Context, Error, StageId};
+use crate::{Bvh, Context, Error, Key, StageId};
 
 /// Largest texture during descent: a view resolves no more, and the last solution is at full size.
 const FITTED_SIZE: usize = 512;
@@ -32,6 +33,8 @@ pub(crate) struct Shared<'a> {
     pub(crate) poses: Option<Poses<'a>>,
     pub(crate) planes: JointPlanes,
     pub(crate) seed: u64,
+    /// Of the source's files, if stages are stored.
+    pub(crate) content: Option<Key>,
     pub(crate) settings: &'a BakeSettings,
     pub(crate) context: &'a Context<'a>,
     pub(crate) clock: &'a Clock,
@@ -59,7 +62,8 @@ pub(crate) fn make_level(
     let size = if shape.cards.is_some() { settings.texture_size } else { texture_size(settings, budget) } as usize;
     let params = UnwrapParams { size: size as u32, gutter: settings.gutter };
     context.report(StageId::Unwrap, Some(number as usize), 0.4);
-    let atlas = clock.time(StageId::Unwrap, || unwrap(&shape.mesh, None, &params));
+    let key = context.key(|| atlas_key(&shape.mesh, &params));
+    let atlas = clock.time(StageId::Unwrap, || context.stored(key, || Ok(unwrap(&shape.mesh, None, &params))))?;
     context.report(StageId::Rig, Some(number as usize), 0.42);
     let influences = clock.time(StageId::Rig, || influences(shared, &shape.mesh));
     let fitted = fit(shared, &atlas, size, shape, influences, number, budget)?;
@@ -69,6 +73,7 @@ pub(crate) fn make_level(
     };
     let canvas = Canvas::new(shared, &atlas, size);
     let mesh = low.mesh();
+    context.check(&model.name)?;
     context.report(StageId::Texture, Some(number as usize), 0.85);
     let samples = clock.time(StageId::Texture, || canvas.bake(&mesh, shape.cards.as_ref()));
     let (low, psnr) = clock.time(StageId::Refine, || canvas.finish(low, &samples, alpha));
@@ -126,6 +131,7 @@ fn fit(
 ) -> Result<Fitted, Error> {
     let Shared { model, settings, context, clock, .. } = *shared;
     let small = Canvas::new(shared, atlas, size.min(FITTED_SIZE));
+    context.check(&model.name)?;
     context.report(StageId::Texture, Some(number as usize), 0.45);
     let (mut low, alpha, smoothness) = clock.time(StageId::Texture, || {
         let samples = small.bake(&shape.mesh, shape.cards.as_ref());
@@ -133,7 +139,7 @@ fn fit(
         let (texels, covered) = initial_texture(&samples, small.size, alpha);
         let double_sided = shape.double_sided || alpha;
         let low = LowPoly::new(&shape.mesh, atlas, double_sided, small.size, texels, covered);
-        let low = low.with_motions(shared.poses.as_ref().map_or_else(Motions::default, |p| p.all_motions(&influences)));
+        let low = low.with_motions(motions(shared, &influences));
         (low, alpha, if alpha { None } else { small.smoothness(&samples) })
     });
     context.report(StageId::Refine, Some(number as usize), 0.5);
@@ -145,11 +151,21 @@ fn fit(
         resolve_every: RESOLVE_EVERY,
         seed: shared.seed ^ u64::from(budget),
     };
-    let mut skin = shared.poses.as_ref().filter(|_| settings.refine_weights).map(|p| Skin::new(p, influences.clone()));
-    let refined = clock.time(StageId::Refine, || {
-        refine::refine(&mut low, skin.as_mut(), &shared.views, shared.frame.radius, &params, &model.name, context)
+    let key = shared.content.map(|content| descent_key(&content, settings, budget));
+    let (positions, (influences, refined)) = clock.time(StageId::Refine, || {
+        context.stored(key, || {
+            let mut low = low.clone();
+            let poses = shared.poses.as_ref().filter(|_| settings.refine_weights);
+            let mut skin = poses.map(|poses| Skin::new(poses, influences.clone()));
+            let (views, radius) = (&shared.views, shared.frame.radius);
+            let refined = refine::refine(&mut low, skin.as_mut(), views, radius, &params, &model.name, context)?;
+            let influences = skin.map_or_else(|| influences.clone(), Skin::into_influences);
+            Ok((low.positions, (influences, refined)))
+        })
     })?;
-    Ok(Fitted { low, influences: skin.map_or(influences, Skin::into_influences), refined, alpha })
+    low.positions = positions;
+    let low = low.with_motions(motions(shared, &influences));
+    Ok(Fitted { low, influences, refined, alpha })
 }
 
 /// Splits the faces along the joint planes, if that comes last: their parts keep their place in the atlas.
@@ -168,8 +184,8 @@ fn split_at_joints(shared: &Shared<'_>, fitted: Fitted, atlas: Atlas, budget: u3
     let uvs = uvs.collect();
     let chart = parts.iter().map(|(face, _)| atlas.chart[*face as usize]).collect();
     let atlas = Atlas { uvs, chart, ..atlas };
-    let motions = shared.poses.as_ref().map_or_else(Motions::default, |p| p.all_motions(&influences));
-    let low = LowPoly::new(&mesh, &atlas, low.double_sided, low.size, low.texels, low.covered).with_motions(motions);
+    let low = LowPoly::new(&mesh, &atlas, low.double_sided, low.size, low.texels, low.covered)
+        .with_motions(motions(shared, &influences));
     (Fitted { low, influences, refined, alpha }, atlas)
 }
 
@@ -203,6 +219,10 @@ impl<'a> Canvas<'a> {
         let psnr = refine::fit_texture(&mut low, &self.shared.views, smoothness);
         (low, psnr)
     }
+}
+
+fn motions(shared: &Shared<'_>, influences: &[Influences]) -> Motions {
+    shared.poses.as_ref().map_or_else(Motions::default, |poses| poses.all_motions(influences))
 }
 
 fn influences(shared: &Shared<'_>, mesh: &TriMesh) -> Vec<Influences> {

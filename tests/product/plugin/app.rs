@@ -10,7 +10,7 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use bevy::animation::AnimationPlugin;
-use bevy::app::ScheduleRunnerPlugin;
+use bevy::app::{ScheduleRunnerPlugin, TaskPoolOptions, TaskPoolPlugin, TaskPoolThreadAssignmentPolicy};
 use bevy::asset::io::file::FileAssetReader;
 use bevy::asset::{AssetLoadFailedEvent, AssetMode};
 use bevy::camera::CameraPlugin;
@@ -19,7 +19,7 @@ use bevy::log::LogPlugin;
 use bevy::mesh::MeshPlugin;
 use bevy::prelude::*;
 use bevy::world_serialization::{WorldAssetRoot, WorldInstanceReady, WorldSerializationPlugin};
-use bevy_simpliguard::{BakeFailed, BakeFinished, BakeMode, BakeStarted, SimpliguardPlugin};
+use bevy_simpliguard::{BakeFailed, BakeFinished, BakeMode, BakeStarted, Bakes, SimpliguardPlugin};
 use serde::Deserialize;
 use serde_json::{Value, json};
 
@@ -37,6 +37,8 @@ pub(super) const REPORT: &str = "@ ";
 #[derive(Deserialize, Resource, Clone, Default)]
 #[serde(default)]
 pub(super) struct Options {
+    /// Without the plugin.
+    plain: bool,
     blocking: bool,
     threads: Option<usize>,
     scene: Option<Scene>,
@@ -69,13 +71,16 @@ fn game() {
     // Ends the line that the test runner has begun.
     println!();
     let mut app = App::new();
-    app.add_plugins((
-        SimpliguardPlugin {
+    if !options.plain {
+        app.add_plugins(SimpliguardPlugin {
             mode: options.blocking.then_some(BakeMode::Blocking),
             threads: options.threads,
             ..default()
-        },
-        MinimalPlugins.set(ScheduleRunnerPlugin::run_loop(Duration::from_millis(4))),
+        })
+        .add_systems(Update, report_bakes);
+    }
+    app.add_plugins((
+        MinimalPlugins.set(ScheduleRunnerPlugin::run_loop(Duration::from_millis(4))).set(one_io_thread()),
         LogPlugin { filter: "info,bevy_asset=debug,bevy_simpliguard=debug".into(), ..default() },
         AssetPlugin { mode: AssetMode::Processed, ..default() },
         TransformPlugin,
@@ -96,9 +101,21 @@ fn game() {
         .insert_resource(Clock { start: now, last: now, worst: Duration::ZERO })
         .insert_resource(QuitAsked(quit_asked()))
         .add_systems(Startup, load)
-        .add_systems(Update, (time_frames, report_bakes, report_models, quit))
+        .add_systems(Update, (time_frames, report_models, quit))
         .add_observer(report_instance);
     assert!(app.run().is_success());
+}
+
+/// What waits for something in Bevy's processor holds everything up then, as on any machine of two cores.
+fn one_io_thread() -> TaskPoolPlugin {
+    let one = TaskPoolThreadAssignmentPolicy {
+        min_threads: 1,
+        max_threads: 1,
+        percent: 0.25,
+        on_thread_spawn: None,
+        on_thread_destroy: None,
+    };
+    TaskPoolPlugin { task_pool_options: TaskPoolOptions { io: one, ..default() } }
 }
 
 /// Set when standard input ends.
@@ -144,6 +161,7 @@ fn time_frames(mut clock: ResMut<Clock>) {
 
 fn report_bakes(
     clock: Res<Clock>,
+    bakes: Res<Bakes>,
     mut started: MessageReader<BakeStarted>,
     mut finished: MessageReader<BakeFinished>,
     mut failed: MessageReader<BakeFailed>,
@@ -153,10 +171,14 @@ fn report_bakes(
     }
     for message in finished.read() {
         let seconds = message.duration.as_secs_f64();
-        say(&clock, json!({ "what": "finished", "path": message.path.to_string(), "seconds": seconds }));
+        let (path, triangles) = (message.path.to_string(), message.report.source_faces);
+        say(&clock, json!({ "what": "finished", "path": path, "seconds": seconds, "triangles": triangles }));
     }
     for message in failed.read() {
         say(&clock, json!({ "what": "failed", "path": message.path.to_string(), "error": message.error }));
+    }
+    if bakes.is_changed() && bakes.is_settled() {
+        say(&clock, json!({ "what": "settled", "models": bakes.iter().count() }));
     }
 }
 
@@ -166,6 +188,7 @@ fn report_models(
     assets: Res<Assets<Gltf>>,
     mut events: MessageReader<AssetEvent<Gltf>>,
     mut failures: MessageReader<AssetLoadFailedEvent<Gltf>>,
+    mut all: Local<bool>,
 ) {
     let path_of = |id: AssetId<Gltf>| models.0.iter().find(|(_, h)| h.id() == id).map(|(path, _)| path);
     for event in events.read() {
@@ -173,6 +196,10 @@ fn report_models(
         let (Some(gltf), Some(path)) = (assets.get(*id), path_of(*id)) else { continue };
         let levels = gltf.named_nodes.keys().filter(|name| name.starts_with("LOD") && !name.contains(' ')).count();
         say(&clock, json!({ "what": "loaded", "path": path, "levels": levels }));
+    }
+    if !*all && models.0.iter().all(|(_, handle)| assets.contains(handle)) {
+        *all = true;
+        say(&clock, json!({ "what": "all loaded" }));
     }
     for failure in failures.read() {
         let kept = assets.contains(failure.id);

@@ -34,8 +34,8 @@ pub struct JointPlane {
     pub normal: Vec3,
     /// How far from the centre it cuts, in metres.
     pub reach: f32,
-    /// The two joints, the lower first.
-    joints: [usize; 2],
+    /// The two joints, as numbered in [`Joints`], the lower first.
+    pub joints: [usize; 2],
 }
 
 /// The planes of a model, the widest first: vertices whose two largest weights differ by less than `delta` lie on them.

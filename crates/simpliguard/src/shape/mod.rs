@@ -22,6 +22,7 @@ use rayon::prelude::*;
 
 use crate::mesh::{TriMesh, self_intersecting};
 use crate::model::{Influences, Model};
+use crate::objects::{form_key, road_key};
 use crate::reconstruct;
 use crate::render::{Frame, Motions, View};
 use crate::rig::{self, Donor, JointPlane, Poses, Transfer};
@@ -269,16 +270,21 @@ fn walk_all(
     contests: &mut [Contest],
     context: &Context<'_>,
 ) -> Result<(), Error> {
-    let walked: Vec<Vec<Shape>> = roads.par_iter().map(|&road| walk(inputs, params, road, context)).collect();
-    context.check(&inputs.model.name)?;
+    let form = context.key(|| form_key(inputs));
+    let walk = |&road| {
+        let key = form.map(|form| road_key(&form, params, road));
+        context.stored(key, || walk(inputs, params, road, context))
+    };
+    let walked: Result<Vec<Vec<Shape>>, Error> = roads.par_iter().map(walk).collect();
     let judges: Vec<&View> = inputs.views.iter().step_by(3).collect();
-    for shapes in walked {
+    for shapes in walked? {
         for (i, mut shape) in shapes.into_iter().enumerate() {
             let (contest, budget) = (i % contests.len(), params.budgets[i % contests.len()]);
             let faces = shape.mesh.triangles.len();
             if faces == 0 || faces > budget as usize {
                 continue;
             }
+            context.check(&inputs.model.name)?;
             let motions = inputs.motions(&shape.mesh);
             shape.render_error = candidates::render_error(&shape.mesh, &motions, shape.double_sided, &judges);
             shape.self_intersecting = tangled_faces(&shape.mesh);
@@ -290,17 +296,17 @@ fn walk_all(
     Ok(())
 }
 
-/// Shapes for each budget along a road, in their order, once or more; empty if cancelled.
-fn walk(inputs: &Inputs<'_>, params: &Params, road: Road, context: &Context<'_>) -> Vec<Shape> {
+/// Shapes for each budget along a road, in their order, once or more. Reads no texture.
+fn walk(inputs: &Inputs<'_>, params: &Params, road: Road, context: &Context<'_>) -> Result<Vec<Shape>, Error> {
     let Dense { mesh, pixels, double_sided } = dense(inputs, params, road);
-    if context.cancellation.is_cancelled() {
-        return Vec::new();
-    }
-    let shapes = collapse_dense(inputs, params, road, &mesh, &pixels, double_sided);
-    if context.cancellation.is_cancelled() { Vec::new() } else { shapes }
+    context.check(&inputs.model.name)?;
+    let shapes = collapse_dense(inputs, params, road, &mesh, &pixels, double_sided, context);
+    context.check(&inputs.model.name)?;
+    Ok(shapes)
 }
 
 /// Collapses a mesh to each budget; some roads offer several shapes, the second for each behind the first for all.
+/// Anything if cancelled.
 fn collapse_dense(
     inputs: &Inputs<'_>,
     params: &Params,
@@ -308,14 +314,19 @@ fn collapse_dense(
     mesh: &TriMesh,
     pixels: &[u32],
     double_sided: bool,
+    context: &Context<'_>,
 ) -> Vec<Shape> {
     let unit = to_unit_sphere(mesh, &inputs.frame);
     let weights = face_weights(&unit, pixels, params.visible_weight);
     let mut simplifier = Simplifier::new(&unit, &weights, params.curvature);
+    simplifier.stop_with(&context.cancellation);
     let largest = params.budgets.last().copied().unwrap_or(0) as usize;
     if params.remove_invisible {
         simplifier.drop_negligible_components(largest, NEGLIGIBLE_FACES);
         simplifier.run(ENCLOSED_AT * largest);
+        if context.cancellation.is_cancelled() {
+            return Vec::new();
+        }
         simplifier.remove_faces(&enclosed(inputs, &simplifier.mesh(), double_sided));
     } else if inputs.poses.is_some() {
         simplifier.run(ENCLOSED_AT * largest);

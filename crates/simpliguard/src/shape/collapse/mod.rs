@@ -20,6 +20,7 @@ use rayon::prelude::*;
 use self::motion::InMotion;
 use self::queue::{Precision, Queue};
 use super::quadric::{Attribute, Planes, Quadric};
+use crate::Cancellation;
 use crate::mesh::{FaceTree, TriMesh};
 
 /// End of a corner list, and a dead face's vertex.
@@ -60,6 +61,7 @@ pub(super) struct Simplifier {
     mark: u32,
     /// Scratch for a collapse: corners that stay.
     kept: Vec<u32>,
+    cancellation: Cancellation,
 }
 
 /// A face, dead if its first vertex is [`NONE`].
@@ -117,6 +119,7 @@ impl Simplifier {
             marks: vec![0; vertices],
             mark: 0,
             kept: Vec::new(),
+            cancellation: Cancellation::default(),
         };
         for (corner, &v) in mesh.triangles.iter().flatten().enumerate() {
             out.faces[corner / 3].next[corner % 3] = out.first[v as usize];
@@ -128,6 +131,11 @@ impl Simplifier {
         out
     }
 
+    /// Leaves faces where they are once `cancellation` is set.
+    pub(super) fn stop_with(&mut self, cancellation: &Cancellation) {
+        self.cancellation = cancellation.clone();
+    }
+
     /// Collapses until at most `target` faces are left or nothing more can be done; returns the number left.
     pub(super) fn run(&mut self, target: usize) -> usize {
         let strict = Rules { max_turn: MAX_TURN, may_intersect: false };
@@ -137,17 +145,21 @@ impl Simplifier {
         }
         self.fill_queue(Precision::Fine);
         self.collapse_to(target, strict);
-        if self.live_faces > target && self.tree.is_some() {
+        if self.has_to_go_on(target) && self.tree.is_some() {
             self.stuck = true;
             self.fill_queue(Precision::Fine);
             self.collapse_to(target, Rules { max_turn: MAX_TURN, may_intersect: true });
         }
-        if self.live_faces > target {
+        if self.has_to_go_on(target) {
             self.fill_queue(Precision::Fine);
             self.collapse_to(target, Rules { max_turn: -1.0, may_intersect: true });
             self.drop_smallest_components(target);
         }
         self.live_faces
+    }
+
+    fn has_to_go_on(&self, target: usize) -> bool {
+        self.live_faces > target && !self.cancellation.is_cancelled()
     }
 
     /// The mesh as it stands.
@@ -278,7 +290,7 @@ impl Simplifier {
     }
 
     fn collapse_to(&mut self, target: usize, rules: Rules) {
-        while self.live_faces > target {
+        while self.has_to_go_on(target) {
             let Some(entry) = self.queue.pop() else { return };
             let (u, v) = (entry.u, entry.v);
             if self.stamp(u, v) != entry.stamp {

@@ -1,0 +1,7 @@
+//! The cache as its users see it.
+
+mod folder;
+mod limits;
+mod shared;
+mod store;
+mod trouble;
