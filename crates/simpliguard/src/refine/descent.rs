@@ -21,8 +21,8 @@ const HELD_OUT: usize = 6;
 const GRADIENT_WEIGHT: f32 = 0.5;
 /// Weight of the Laplacian of the displacement, with the source's radius as unit of length.
 const LAPLACIAN_WEIGHT: f32 = 0.02;
-/// First step of a skin weight where the mean edge is as long as the source's radius.
-const WEIGHT_RATE: f32 = 0.08;
+/// First step of a skin weight.
+const WEIGHT_RATE: f32 = 0.01;
 /// Factor on the step length from step to step.
 const DECAY: f32 = 0.992;
 /// Factor on the step length after steps that gained nothing.
@@ -168,7 +168,7 @@ fn descend(
     let laplacian = Laplacian::new(origin.len(), &low.triangles);
     let mut adam = Adam::new(3 * origin.len());
     let mut weight_adam = Adam::new(4 * origin.len());
-    let mut weight_rate = WEIGHT_RATE * low.mean_edge() / radius;
+    let mut weight_rate = WEIGHT_RATE;
     let mut order = Order::new(split.fitted.len(), params.seed);
     let mut rate = params.step_length * low.mean_edge();
     let weights = |skin: &Option<&mut Skin<'_>>| skin.as_ref().map_or_else(Vec::new, |skin| skin.weights());

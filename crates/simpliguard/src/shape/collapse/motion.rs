@@ -4,68 +4,11 @@
 //! that of the rest pose, and a collapse is rated by the sum. Where they keep one placement per pose, here the one at
 //! rest is moved by the blend of the motions of the edge's ends, as skinning will move it: an edge across which the
 //! weights run linearly costs nothing, one that ends where they bend is kept.
-//!
-//! Planes say nothing about where on them a vertex ends up, but the texture moves with it. As with skin weights that are
-//! attributes of the quadric (arXiv 2411.16874), a vertex also carries the affine maps that take its faces into each
-//! pose, and errs by how far it strays from where they take its place at rest ([`Slide`]).
 
 use glam::{DAffine3, DMat3, DVec3};
 
 use super::{NONE, Quadric, Simplifier};
 use crate::render::Motions;
-
-/// Weight of the squared distance between where a vertex goes and where its surface goes, against that to the planes.
-const SLIDE_WEIGHT: f64 = 0.25;
-
-/// Sum of the weighted squared distances between a posed point `m` and where the maps of faces take its place at rest `p`:
-/// `sum w |A p + b - m|^2`.
-#[derive(Clone, Copy, Debug, Default)]
-struct Slide {
-    /// `sum w A^T A`, `sum w A` and `sum w A^T b`.
-    squares: DMat3,
-    linear: DMat3,
-    mixed: DVec3,
-    /// `sum w b`, `sum w b.b` and `sum w`.
-    offset: DVec3,
-    constant: f64,
-    weight: f64,
-}
-
-impl Slide {
-    /// The map of one face, given its corners at rest and in the pose; what is off the face keeps its distance.
-    fn of(rest: [DVec3; 3], posed: [DVec3; 3], weight: f64) -> Self {
-        let frame = |[a, b, c]: [DVec3; 3]| DMat3::from_cols(b - a, c - a, (b - a).cross(c - a).normalize_or_zero());
-        let linear = frame(posed) * frame(rest).inverse();
-        if !linear.is_finite() {
-            return Self::default();
-        }
-        let offset = posed[0] - linear * rest[0];
-        let transposed = linear.transpose();
-        Self {
-            squares: transposed * linear * weight,
-            linear: linear * weight,
-            mixed: transposed * offset * weight,
-            offset: offset * weight,
-            constant: offset.length_squared() * weight,
-            weight,
-        }
-    }
-
-    fn add(&mut self, other: &Self) {
-        self.squares += other.squares;
-        self.linear += other.linear;
-        self.mixed += other.mixed;
-        self.offset += other.offset;
-        self.constant += other.constant;
-        self.weight += other.weight;
-    }
-
-    fn error(&self, rest: DVec3, posed: DVec3) -> f64 {
-        let own = rest.dot(self.squares * rest) + 2.0 * self.mixed.dot(rest) + self.constant;
-        let both = posed.dot(self.linear * rest + self.offset);
-        (own - 2.0 * both + self.weight * posed.length_squared()).max(0.0)
-    }
-}
 
 /// Quadrics and motions of the vertices that were left when the poses were brought in.
 #[derive(Clone)]
@@ -74,21 +17,24 @@ pub(super) struct InMotion {
     /// Place of each vertex in the lists below, of one entry per pose each.
     slots: Vec<u32>,
     quadrics: Vec<Quadric>,
-    slides: Vec<Slide>,
     motions: Vec<DAffine3>,
 }
 
 impl InMotion {
+    fn of(&self, vertex: u32) -> impl Iterator<Item = (&Quadric, &DAffine3)> {
+        let start = self.slots[vertex as usize] as usize * self.poses;
+        let own = start..start + self.poses;
+        self.quadrics[own.clone()].iter().zip(&self.motions[own])
+    }
+
     /// Error of the edge `u v`, collapsed at rest to `place`, which is a part `t` of the way from `u` to `v`.
     pub(super) fn error(&self, u: u32, v: u32, t: f64, place: DVec3) -> f64 {
-        let [u, v] = [u, v].map(|vertex| self.slots[vertex as usize] as usize * self.poses);
-        let in_pose = |pose: usize| {
-            let (u, v) = (u + pose, v + pose);
-            let moved = self.motions[u].transform_point3(place).lerp(self.motions[v].transform_point3(place), t);
-            let planes = self.quadrics[u].error(moved) + self.quadrics[v].error(moved);
-            planes + SLIDE_WEIGHT * (self.slides[u].error(place, moved) + self.slides[v].error(place, moved))
-        };
-        (0..self.poses).map(in_pose).sum()
+        let both = self.of(u).zip(self.of(v));
+        both.map(|((qu, mu), (qv, mv))| {
+            let moved = mu.transform_point3(place).lerp(mv.transform_point3(place), t);
+            qu.error(moved) + qv.error(moved)
+        })
+        .sum()
     }
 
     /// What `v` was becomes part of `u`, a part `t` of the way from `u` to `v`.
@@ -97,8 +43,6 @@ impl InMotion {
         for pose in 0..self.poses {
             let other = self.quadrics[v + pose];
             self.quadrics[u + pose].add(&other);
-            let other = self.slides[v + pose];
-            self.slides[u + pose].add(&other);
             self.motions[u + pose] = blend(&self.motions[u + pose], &self.motions[v + pose], t);
         }
     }
@@ -134,7 +78,6 @@ impl Simplifier {
             slots,
             motions: motions.collect(),
             quadrics: vec![Quadric::default(); vertices.len() * poses],
-            slides: vec![Slide::default(); vertices.len() * poses],
         };
         self.add_posed_planes(&mut out);
         self.in_motion = Some(out);
@@ -147,15 +90,11 @@ impl Simplifier {
             let weight = face.iter().map(|&v| share(v)).sum::<f64>() / out.poses as f64;
             let starts = face.map(|v| out.slots[v as usize] as usize * out.poses);
             for pose in 0..out.poses {
-                let rest = face.map(|v| self.positions[v as usize]);
-                let [a, b, c] = [0, 1, 2].map(|k| out.motions[starts[k] + pose].transform_point3(rest[k]));
+                let moved = |k: usize| out.motions[starts[k] + pose].transform_point3(self.positions[face[k] as usize]);
+                let [a, b, c] = [0, 1, 2].map(moved);
                 let normal = (b - a).cross(c - a).normalize_or_zero();
                 let plane = Quadric::plane(normal, -normal.dot(a), weight);
-                let slide = Slide::of(rest, [a, b, c], weight);
-                for start in starts {
-                    out.quadrics[start + pose].add(&plane);
-                    out.slides[start + pose].add(&slide);
-                }
+                starts.iter().for_each(|&start| out.quadrics[start + pose].add(&plane));
             }
         }
     }

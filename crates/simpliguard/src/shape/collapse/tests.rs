@@ -172,20 +172,3 @@ fn an_edge_that_only_bends_in_motion_is_kept() {
     };
     assert!((0..6).all(|t| !crosses(t)), "{mesh:?}");
 }
-
-#[test]
-fn an_edge_that_only_stretches_in_motion_is_kept() {
-    let mut simplifier = Simplifier::new(&grid(8, |_, _| 0.0), &areas(&grid(8, |_, _| 0.0)), 0.0);
-    // In motion the half beyond x = 1/2 grows to twice its width: every plane stays as it is.
-    simplifier.follow(1, |positions| {
-        let stretch = |p: &Vec3| {
-            let scale = if p.x > 0.5 { 2.0 } else { 1.0 };
-            let about = Affine3A::from_translation(Vec3::X * 0.5);
-            about * Affine3A::from_scale(Vec3::new(scale, 1.0, 1.0)) * about.inverse()
-        };
-        Motions::new(vec![positions.iter().map(stretch).collect()])
-    });
-    assert_eq!(simplifier.run(6), 6);
-    let mesh = simplifier.mesh();
-    assert_eq!(mesh.positions.iter().filter(|p| (p.x - 0.5).abs() < 1e-6).count(), 2, "{:?}", mesh.positions);
-}
