@@ -44,10 +44,13 @@ pub(crate) fn road_key(form: &Key, params: &Params, road: Road) -> Key {
         remove_invisible,
         visible_weight,
         curvature,
+        joint_planes,
     } = params;
+    let planes =
+        if joint_planes.planes.is_empty() { String::new() } else { format!("joint_planes={joint_planes:?}\n") };
     let settings = format!(
         "budgets={budgets:?}\ncurvature={curvature:?}\nremove_invisible={remove_invisible}\nroad={road:?}\n\
-         visible_weight={visible_weight:?}\n"
+         visible_weight={visible_weight:?}\n{planes}"
     );
     KeyBuilder::for_stage(StageId::Shape).key(form).settings(settings.as_bytes()).finish()
 }
@@ -68,7 +71,8 @@ pub(crate) fn form_key(inputs: &Inputs<'_>) -> Key {
 }
 
 fn with_surface(key: KeyBuilder, surface: &Surface) -> KeyBuilder {
-    let Surface { positions, normals, tangents, uvs, colors, influences, triangles, material } = surface;
+    // Shapes are those of the rest pose and of bones: morph targets play no part.
+    let Surface { positions, normals, tangents, uvs, colors, influences, triangles, material, morphs: _ } = surface;
     let bytes = |Influences { joints, weights }: &Influences| {
         let mut bytes = [0u8; 24];
         bytes[..8].copy_from_slice(cast_slice(joints));
@@ -114,6 +118,8 @@ mod tests {
 
     use super::*;
     use crate::PIPELINE_VERSION;
+    use crate::rig::JointPlane;
+    use crate::shape::JointPlanes;
 
     fn params() -> Params {
         Params {
@@ -125,12 +131,15 @@ mod tests {
             remove_invisible: true,
             visible_weight: 0.9,
             curvature: 0.0,
+            joint_planes: JointPlanes::default(),
         }
     }
 
     #[test]
     fn every_setting_of_a_road_counts() {
         let form = KeyBuilder::new("1").finish();
+        let plane = JointPlane { centre: Vec3::ZERO, normal: Vec3::X, reach: 1.0, joints: [0, 1] };
+        let planes = JointPlanes { planes: vec![plane], split: true };
         let keys = [
             road_key(&form, &params(), Road::Source),
             road_key(&form, &params(), Road::Cards),
@@ -139,6 +148,7 @@ mod tests {
             road_key(&form, &Params { remove_invisible: false, ..params() }, Road::Source),
             road_key(&form, &Params { visible_weight: 0.8, ..params() }, Road::Source),
             road_key(&form, &Params { curvature: 0.5, ..params() }, Road::Source),
+            road_key(&form, &Params { joint_planes: planes, ..params() }, Road::Source),
         ];
         for (i, a) in keys.iter().enumerate() {
             assert!(keys[..i].iter().all(|b| a != b), "key {i} is not new");
