@@ -124,7 +124,8 @@ mod tests {
         let mut add = |p: Vec3| {
             let second = if blend > 0.0 { (0.5 + 0.5 * p.x / blend).clamp(0.0, 1.0) } else { f32::from(p.x >= 0.0) };
             surface.positions.push(p);
-            surface.influences.push(Influences { joints: [0, 1, 0, 0], weights: [1.0 - second, second, 0.0, 0.0] });
+            let (heavy, joints) = if second > 0.5 { (second, [1, 0, 0, 0]) } else { (1.0 - second, [0, 1, 0, 0]) };
+            surface.influences.push(Influences { joints, weights: [heavy, 1.0 - heavy, 0.0, 0.0] });
         };
         for ring in 0..=rings {
             let x = 8.0 * ring as f32 / rings as f32 - 4.0;
