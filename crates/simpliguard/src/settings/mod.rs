@@ -19,7 +19,8 @@ mod text;
 mod value;
 
 pub use fields::{
-    BakeOverrides, BakeSettings, Candidates, ExistingLods, FieldInfo, Quality, SkinTransfer, SourceGeometry, reference,
+    BakeOverrides, BakeSettings, Candidates, ExistingLods, FieldInfo, JointPlanes, MorphTargets, Quality, SkinTransfer,
+    SourceGeometry, reference,
 };
 pub use meta::parse_meta;
 pub use project::{BakeMode, CacheSettings, ProjectFile, ProjectSettings, Rule, parse_cache_size};
