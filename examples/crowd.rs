@@ -123,7 +123,7 @@ fn light(
             shadow_maps_enabled: true,
             ..default()
         },
-        CascadeShadowConfigBuilder { num_cascades: 1, maximum_distance: 2.0 * radius, ..default() }.build(),
+        CascadeShadowConfigBuilder { num_cascades: 1, maximum_distance: 4.0 * radius, ..default() }.build(),
         Transform::from_xyz(-5.0, 6.0, 4.0).looking_at(Vec3::ZERO, Vec3::Y),
     ));
     let sand = StandardMaterial {
