@@ -255,12 +255,21 @@ fn make_levels(
     context.check(&model.name)?;
     context.report(StageId::Shape, None, 0.15);
     let donor = Donor::new(model, &bvh);
-    let inputs =
-        shape::Inputs { model, bvh: &bvh, donor: &donor, solid: &solid, frame, views: &views, poses: poses.as_ref() };
+    let importance = shape::Importance::of(model, settings)?;
+    let inputs = shape::Inputs {
+        model,
+        bvh: &bvh,
+        donor: &donor,
+        solid: &solid,
+        frame,
+        views: &views,
+        poses: poses.as_ref(),
+        importance: importance.as_ref(),
+    };
     let budgets = targets.budgets();
     let params = shape_params(settings, &budgets);
     let shapes = clock.time(StageId::Shape, || shape::shape(&inputs, &params, context))?;
-    let deviations: Vec<Deviation> = shapes.par_iter().map(|s| shape::deviation(&inputs, &s.mesh)).collect();
+    let deviations: Vec<Deviation> = shapes.iter().map(|s| s.deviation).collect();
     context.report(StageId::Unwrap, None, 0.4);
     let shared =
         Shared { model, sampler, bvh: &bvh, donor: &donor, frame, views, poses, seed, settings, context, clock };
@@ -297,12 +306,16 @@ fn views_of(
     views
 }
 
+/// Largest budget that cells of a 256th of the model serve as well as finer ones.
+const FINE_UP_TO: u32 = 8000;
+
 fn shape_params(settings: &BakeSettings, budgets: &[u32]) -> shape::Params {
     let reconstructions = match (settings.candidates, settings.resolution) {
         (Candidates::Source, _) => Vec::new(),
         // Fine for large budgets, coarse for small ones, thick where parts lie close together.
         (_, Resolution::Auto) => {
-            vec![reconstruct::Params::new(128), reconstruct::Params::new(256), reconstruct::Params::thick(128)]
+            let fine = if budgets.last().is_some_and(|&n| n > FINE_UP_TO) { 512 } else { 256 };
+            vec![reconstruct::Params::new(128), reconstruct::Params::new(fine), reconstruct::Params::thick(128)]
         }
         (_, Resolution::Cells(n)) => vec![reconstruct::Params::new(n)],
     };

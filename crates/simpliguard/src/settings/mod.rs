@@ -11,6 +11,7 @@
 //! than by writing its default.
 
 mod fields;
+mod importance;
 mod meta;
 mod project;
 mod resolve;
@@ -21,6 +22,7 @@ mod value;
 pub use fields::{
     BakeOverrides, BakeSettings, Candidates, ExistingLods, FieldInfo, Quality, SkinTransfer, SourceGeometry, reference,
 };
+pub use importance::Importance;
 pub use meta::parse_meta;
 pub use project::{BakeMode, ProjectFile, ProjectSettings, Rule};
 pub use resolve::{Effective, Layer, Origin, Resolved, resolve};
