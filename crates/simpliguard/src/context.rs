@@ -1,9 +1,11 @@
-//! What surrounds a bake: cancellation and progress. Never the data being baked.
+//! What surrounds a bake: cancellation, progress, and what earlier bakes left behind. Never the data being baked.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use crate::{Error, StageId};
+use bytes::Bytes;
+
+use crate::{Error, Key, StageId};
 
 /// A flag shared between the one who cancels and the bake, which looks at it between and within stages.
 #[derive(Clone, Debug, Default)]
@@ -38,6 +40,15 @@ pub trait ProgressSink: Sync {
     fn report(&self, progress: Progress);
 }
 
+/// Keeps what stages have made, so that a later bake that differs in other stages need not make it again. It may forget
+/// anything at any time; what it returns must be what was stored. Called from worker threads.
+pub trait StageStore: Sync {
+    /// What was stored under a key, if it is still there and undamaged.
+    fn get(&self, key: &Key) -> Option<Bytes>;
+    /// Stores an object, or not.
+    fn put(&self, key: &Key, bytes: &[u8]);
+}
+
 /// The surroundings of one bake.
 #[derive(Clone, Default)]
 pub struct Context<'a> {
@@ -45,6 +56,8 @@ pub struct Context<'a> {
     pub cancellation: Cancellation,
     /// Told about every stage as it begins.
     pub progress: Option<&'a dyn ProgressSink>,
+    /// Asked before the costly stages. Changes no byte of the result.
+    pub stages: Option<&'a dyn StageStore>,
 }
 
 impl Context<'_> {

@@ -7,6 +7,7 @@ use crate::chain::{LevelReport, LevelTopology};
 use crate::clock::Clock;
 use crate::mesh::TriMesh;
 use crate::model::{Influences, Level, Model, linear_to_srgb};
+use crate::objects::atlas_key;
 use crate::refine::{self, LowPoly, Refined};
 use crate::render::{Frame, Motions, SurfaceSample, SurfaceSampler, View};
 use crate::rig::{self, Donor, Poses, Transfer};
@@ -58,7 +59,8 @@ pub(crate) fn make_level(
     let size = if shape.cards.is_some() { settings.texture_size } else { texture_size(settings, budget) } as usize;
     let params = UnwrapParams { size: size as u32, gutter: settings.gutter };
     context.report(StageId::Unwrap, Some(number as usize), 0.4);
-    let atlas = clock.time(StageId::Unwrap, || unwrap(&shape.mesh, None, &params));
+    let key = context.key(|| atlas_key(&shape.mesh, &params));
+    let atlas = clock.time(StageId::Unwrap, || context.stored(key, || Ok(unwrap(&shape.mesh, None, &params))))?;
     let canvas = Canvas::new(shared, &atlas, size);
     context.report(StageId::Rig, Some(number as usize), 0.42);
     let influences = clock.time(StageId::Rig, || influences(shared, &shape.mesh));

@@ -17,9 +17,11 @@ mod clock;
 mod context;
 mod error;
 pub mod gltf;
+mod key;
 mod level;
 pub mod mesh;
 pub mod model;
+mod objects;
 pub mod reconstruct;
 pub mod refine;
 pub mod render;
@@ -35,6 +37,7 @@ pub use bvh::{Bvh, Hit, barycentric, closest_point};
 pub use chain::{
     Baked, LevelReport, LevelTopology, OPT_LEVEL, PIPELINE_VERSION, Report, STAGES, Stage, StageSeconds, Status, bake,
 };
-pub use context::{Cancellation, Context, Progress, ProgressSink};
+pub use context::{Cancellation, Context, Progress, ProgressSink, StageStore};
 pub use error::{Error, StageId};
+pub use key::{Key, KeyBuilder, content_hash};
 pub use source::{NoResources, RelativeUri, Resources, Source};

@@ -7,23 +7,39 @@
 //! ```text
 //! objects/ab/cdef..     content, named by its own hash
 //! results/ab/cdef..     JSON record of a key: the names, hashes and sizes of its objects, and who made it
+//! stages/ab/cdef..      what a stage left behind for later bakes, behind its own hash; named by its key
 //! quarantine/           what did not match its hash
+//! locks/ab/cdef..       empty; locked by who makes the result of a key
 //! ```
 //!
 //! Files are written beside their place, synced and renamed, so a reader sees all of a file or none. Whatever is read is
 //! checked against its hash; what fails is moved to `quarantine/` and counts as a miss. Storage errors are returned as
 //! values for a warning; they never need to stop a bake.
 //!
-//! Limits: nothing is evicted, and two processes that miss the same key both bake it (the second finds equal objects).
+//! Of all who miss the same key, one bakes and the others wait for it ([`Cache::once`]).
+//!
+//! A cache has a limit ([`Cache::with_max_size`]). When it is reached, what was used longest ago goes first; the times of
+//! files say when, to the hour. Nothing in a cache names a path, so that its folder may be moved.
+//!
+//! Limits: the limit may be passed for some minutes, while new objects are too young to be removed.
 
 mod bake;
+mod collect;
 mod file;
-mod key;
+mod flight;
+mod inventory;
 mod place;
+mod record;
+mod stages;
 mod store;
+mod verify;
 
 pub use bake::{BakeResult, Draw, bake_key};
+pub use collect::{Collected, DEFAULT_MAX_SIZE};
 pub use file::{Durability, can_write_in, write_atomic, write_atomic_through};
-pub use key::{Key, KeyBuilder};
+pub use flight::Once;
+pub use inventory::{Amount, Usage};
 pub use place::{ENV_VAR, place};
+pub use simpliguard::{Key, KeyBuilder};
 pub use store::{Cache, Entry, Lookup, Stats, StorageError};
+pub use verify::Verified;

@@ -1,7 +1,11 @@
-//! Where the cache is.
+//! Where the cache is, and how large it may become.
 
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
+
+use simpliguard::settings::CacheSettings;
+
+use crate::{Cache, DEFAULT_MAX_SIZE};
 
 /// Environment variable that names the cache's folder.
 pub const ENV_VAR: &str = "SIMPLIGUARD_CACHE_DIR";
@@ -11,6 +15,16 @@ pub const ENV_VAR: &str = "SIMPLIGUARD_CACHE_DIR";
 pub fn place(explicit: Option<&Path>, configured: Option<&Path>) -> Option<PathBuf> {
     let user = || directories::BaseDirs::new().map(|dirs| dirs.cache_dir().join("simpliguard"));
     choose(explicit, std::env::var_os(ENV_VAR), configured, user)
+}
+
+impl Cache {
+    /// The cache of a project whose folder is `base`, at the [`place`] that follows from `explicit` and the project's
+    /// settings. `None` if the platform does not say where that is.
+    pub fn of_project(explicit: Option<&Path>, settings: &CacheSettings, base: &Path) -> Option<Self> {
+        let configured = settings.dir.as_ref().map(|dir| base.join(dir));
+        let cache = Self::new(place(explicit, configured.as_deref())?);
+        Some(cache.with_max_size(settings.max_size.unwrap_or(DEFAULT_MAX_SIZE)))
+    }
 }
 
 fn choose(

@@ -1,16 +1,18 @@
 //! The store on disk.
 
-use std::fs;
+use std::fs::{self, File};
 use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
+use std::time::{Duration, SystemTime};
 
-use serde::{Deserialize, Serialize};
+use simpliguard::{Key, content_hash};
 
-use crate::{Durability, Key, write_atomic};
+use crate::record::{ObjectRecord, Record};
+use crate::{Durability, write_atomic};
 
-/// Format of the records.
-const RECORD_VERSION: u32 = 1;
+/// A use is noted if the last one is this long ago.
+pub(crate) const USE_NOTED_AFTER: Duration = Duration::from_secs(3600);
 
 /// The result of a bake: named objects, and who made them.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -79,32 +81,28 @@ pub struct Stats {
 #[derive(Debug)]
 pub struct Cache {
     root: PathBuf,
+    max_size: u64,
     hits: AtomicU64,
     misses: AtomicU64,
     quarantined: AtomicU64,
 }
 
-#[derive(Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-struct Record {
-    version: u32,
-    key: String,
-    made_by: String,
-    objects: Vec<ObjectRecord>,
-}
-
-#[derive(Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-struct ObjectRecord {
-    name: String,
-    hash: String,
-    size: u64,
-}
-
 impl Cache {
-    /// A cache in a folder, which need not exist yet. Touches nothing.
+    /// A cache in a folder, which need not exist yet, of at most [`crate::DEFAULT_MAX_SIZE`]. Touches nothing.
     pub fn new(root: impl Into<PathBuf>) -> Self {
-        Self { root: root.into(), hits: 0.into(), misses: 0.into(), quarantined: 0.into() }
+        let max_size = crate::DEFAULT_MAX_SIZE;
+        Self { root: root.into(), max_size, hits: 0.into(), misses: 0.into(), quarantined: 0.into() }
+    }
+
+    /// The same cache with another limit, in bytes: what was used longest ago goes when more is stored.
+    #[must_use]
+    pub fn with_max_size(self, max_size: u64) -> Self {
+        Self { max_size, ..self }
+    }
+
+    /// Its limit in bytes.
+    pub fn max_size(&self) -> u64 {
+        self.max_size
     }
 
     /// Its folder.
@@ -141,67 +139,63 @@ impl Cache {
     /// Stores a result: objects first, then the record that makes them count.
     pub fn put(&self, key: &Key, entry: &Entry) -> Result<(), StorageError> {
         let mut objects = Vec::with_capacity(entry.objects.len());
+        let mut grown = 0;
         for (name, bytes) in &entry.objects {
-            let hash = blake3::hash(bytes);
-            let path = self.path("objects", &hash);
-            if !fs::read(&path).is_ok_and(|there| there == *bytes) {
+            let hash = content_hash(bytes);
+            let path = self.path("objects", hash.as_bytes());
+            if fs::read(&path).is_ok_and(|there| there == *bytes) {
+                // A collection that is under way takes it for one of ours.
+                note_use(&path, Duration::ZERO);
+            } else {
                 write(&path, bytes)?;
+                grown += bytes.len() as u64;
             }
-            objects.push(ObjectRecord {
-                name: name.clone(),
-                hash: hash.to_hex().to_string(),
-                size: bytes.len() as u64,
-            });
+            objects.push(ObjectRecord { name: name.clone(), hash, size: bytes.len() as u64 });
         }
-        let record = Record { version: RECORD_VERSION, key: key.hex(), made_by: entry.made_by.clone(), objects };
-        let path = self.path("results", key.hash());
-        let text = serde_json::to_vec_pretty(&record).map_err(|e| StorageError::Io {
-            action: "write",
-            path: path.clone(),
-            source: e.into(),
-        })?;
-        write(&path, &text)
+        let path = self.path("results", key.as_bytes());
+        let json = Record::new(key, &entry.made_by, objects).to_json();
+        let json = json.map_err(|e| StorageError::Io { action: "write", path: path.clone(), source: e.into() })?;
+        write(&path, &json)?;
+        self.has_grown(grown + json.len() as u64);
+        Ok(())
     }
 
     fn read(&self, key: &Key, wanted: impl Fn(&str) -> bool) -> Result<Option<Entry>, StorageError> {
-        let path = self.path("results", key.hash());
-        let Some(text) = read(&path)? else { return Ok(None) };
-        let record = match serde_json::from_slice::<Record>(&text) {
-            Ok(record) if record.version != RECORD_VERSION => return Ok(None),
-            Ok(record) if record.key == key.hex() => record,
-            Ok(_) => return Err(self.quarantine(path, "is the record of another key")),
-            Err(e) => return Err(self.quarantine(path, &format!("is no record ({e})"))),
+        let path = self.path("results", key.as_bytes());
+        let Some(json) = read(&path)? else { return Ok(None) };
+        let record = match Record::parse(&json, &key.hex()) {
+            Ok(Some(record)) => record,
+            Ok(None) => return Ok(None),
+            Err(reason) => return Err(self.quarantine(path, &reason)),
         };
         let mut objects = Vec::with_capacity(record.objects.len());
-        for object in record.objects {
-            let Ok(hash) = blake3::Hash::from_hex(&object.hash) else {
-                return Err(self.quarantine(path, "names an object by a malformed hash"));
-            };
-            if !wanted(&object.name) {
-                if fs::metadata(self.path("objects", &hash)).is_ok_and(|there| there.len() == object.size) {
+        for ObjectRecord { name, hash, size } in record.objects {
+            if !wanted(&name) {
+                if fs::metadata(self.path("objects", hash.as_bytes())).is_ok_and(|there| there.len() == size) {
                     continue;
                 }
                 return Ok(None);
             }
-            let Some(bytes) = self.read_object(&hash, object.size)? else { return Ok(None) };
-            objects.push((object.name, bytes));
+            let Some(bytes) = self.read_object(&hash, size)? else { return Ok(None) };
+            objects.push((name, bytes));
         }
+        note_use(&path, USE_NOTED_AFTER);
         Ok(Some(Entry { made_by: record.made_by, objects }))
     }
 
     fn read_object(&self, hash: &blake3::Hash, size: u64) -> Result<Option<Vec<u8>>, StorageError> {
-        let path = self.path("objects", hash);
+        let path = self.path("objects", hash.as_bytes());
         let Some(bytes) = read(&path)? else { return Ok(None) };
         if bytes.len() as u64 != size {
             return Err(self.quarantine(path, &format!("has {} bytes instead of {size}", bytes.len())));
         }
-        if blake3::hash(&bytes) != *hash {
+        if content_hash(&bytes) != *hash {
             return Err(self.quarantine(path, "does not match its hash"));
         }
         Ok(Some(bytes))
     }
 
-    fn quarantine(&self, path: PathBuf, reason: &str) -> StorageError {
+    pub(crate) fn quarantine(&self, path: PathBuf, reason: &str) -> StorageError {
         let nth = self.quarantined.fetch_add(1, Relaxed);
         let name = path.file_name().unwrap_or_default().to_string_lossy();
         let folder = self.root.join("quarantine");
@@ -210,14 +204,23 @@ impl Cache {
         StorageError::Damaged { path, reason: reason.to_owned(), moved }
     }
 
-    fn path(&self, folder: &str, hash: &blake3::Hash) -> PathBuf {
-        let hex = hash.to_hex();
+    pub(crate) fn path(&self, folder: &str, hash: &[u8; 32]) -> PathBuf {
+        let hex = blake3::Hash::from_bytes(*hash).to_hex();
         let (first, rest) = hex.split_at(2);
         self.root.join(folder).join(first).join(rest)
     }
 }
 
-fn read(path: &Path) -> Result<Option<Vec<u8>>, StorageError> {
+/// Sets the time by which files are evicted, if it is older than `after`. A file that cannot be written keeps its own.
+pub(crate) fn note_use(path: &Path, after: Duration) {
+    let modified = fs::metadata(path).and_then(|data| data.modified());
+    let recent = |time: SystemTime| time.elapsed().is_ok_and(|age| age < after);
+    if !modified.is_ok_and(recent) {
+        let _ = File::options().append(true).open(path).and_then(|file| file.set_modified(SystemTime::now()));
+    }
+}
+
+pub(crate) fn read(path: &Path) -> Result<Option<Vec<u8>>, StorageError> {
     match fs::read(path) {
         Ok(bytes) => Ok(Some(bytes)),
         Err(e) if e.kind() == io::ErrorKind::NotFound => Ok(None),

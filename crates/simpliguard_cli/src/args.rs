@@ -4,7 +4,7 @@ use std::num::NonZeroUsize;
 use std::path::PathBuf;
 
 use clap::{Parser, Subcommand, ValueEnum};
-use simpliguard::settings::{BakeOverrides, Layer, Origin, parse_overrides};
+use simpliguard::settings::{BakeOverrides, Layer, Origin, parse_cache_size, parse_overrides};
 
 use crate::UsageError;
 use crate::source::shown;
@@ -21,6 +21,7 @@ pub(crate) struct Args {
 pub(crate) enum Command {
     Bake(BakeArgs),
     Settings(SettingsArgs),
+    Cache(CacheArgs),
 }
 
 /// Bake levels of detail into models.
@@ -58,6 +59,40 @@ pub(crate) struct BakeArgs {
     /// Print one JSON document to stdout; everything else goes to stderr.
     #[arg(long)]
     pub(crate) json: bool,
+}
+
+/// Look after the cache.
+///
+/// Exit code 0: done; 1: something is damaged or could not be done; 2: wrong usage.
+#[derive(clap::Args, Debug)]
+pub(crate) struct CacheArgs {
+    #[command(subcommand)]
+    pub(crate) command: CacheCommand,
+    /// The cache's folder; else $SIMPLIGUARD_CACHE_DIR, else `cache.dir` of the project, else the user's cache folder.
+    #[arg(long, value_name = "DIR", global = true)]
+    pub(crate) cache_dir: Option<PathBuf>,
+    /// The project whose cache is meant; else the nearest one above the current folder.
+    #[arg(long, value_name = "DIR", global = true)]
+    pub(crate) project: Option<PathBuf>,
+    /// Print one JSON document to stdout.
+    #[arg(long, global = true)]
+    pub(crate) json: bool,
+}
+
+#[derive(Subcommand, Clone, Copy, Debug)]
+pub(crate) enum CacheCommand {
+    /// Print what is in it.
+    Stats,
+    /// Remove what nobody can use, and what was used longest ago if it is too large.
+    Gc {
+        /// What it may take up, such as `5GiB`; else `cache.max_size` of the project, else 10 GiB.
+        #[arg(long, value_name = "SIZE", value_parser = parse_cache_size)]
+        max_size: Option<u64>,
+    },
+    /// Read and hash everything, and move what is damaged to quarantine.
+    Verify,
+    /// Remove everything in it.
+    Clear,
 }
 
 /// Print the settings reference, or what applies to a model.

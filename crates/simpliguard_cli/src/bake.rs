@@ -9,10 +9,8 @@ use image::{ImageFormat, RgbImage};
 use rayon::{ThreadPool, ThreadPoolBuilder};
 use simpliguard::model::{Level, Model};
 use simpliguard::settings::BakeSettings;
-use simpliguard::{Context, Error, Source, StageId};
-use simpliguard_cache::{
-    BakeResult, Cache, Draw, Durability, Key, Lookup, bake_key, can_write_in, place, write_atomic,
-};
+use simpliguard::{Cancellation, Context, Error, Source, StageId, StageStore};
+use simpliguard_cache::{BakeResult, Cache, Draw, Durability, Key, Lookup, Once, bake_key, can_write_in, write_atomic};
 use simpliguard_eval::contact_sheet;
 
 use crate::UsageError;
@@ -87,24 +85,28 @@ impl<'a> Runner<'a> {
         let source = file.source();
         let key = bake_key(&source, settings)?;
         let cache = self.cache(job);
-        let found = cache.as_ref().and_then(|cache| self.look_up(cache, &key));
-        if let Some(result) = found.filter(|result| self.suffices(result)) {
-            return Ok((result, true));
+        let bake = || {
+            // A bake is too long to find out afterwards.
+            self.can_write(job)?;
+            self.compute(&source, settings, cache.as_ref(), progress)
+        };
+        let Some(cache) = &cache else { return Ok((bake()?, false)) };
+        let once = cache.once(
+            &key,
+            &Cancellation::default(),
+            || progress.note("somebody else bakes it; waiting"),
+            || self.look_up(cache, &key).filter(|result| self.suffices(result)),
+            || bake().inspect(|result| self.store(cache, &key, result)),
+        )?;
+        match once {
+            Once::Found(result) => Ok((result, true)),
+            Once::Made(result) => Ok((result, false)),
+            Once::Cancelled => Err(Error::Cancelled { asset: job.name.clone() }),
         }
-        // A bake is too long to find out afterwards.
-        self.can_write(job)?;
-        let result = self.compute(&source, settings, progress)?;
-        if let Some(cache) = &cache {
-            self.store(cache, &key, &result);
-        }
-        Ok((result, false))
     }
 
     fn cache(&self, job: &Job) -> Option<Cache> {
-        if self.args.no_cache {
-            return None;
-        }
-        place(self.args.cache_dir.as_deref(), job.cache_dir.as_deref()).map(Cache::new)
+        if self.args.no_cache { None } else { job.cache.open(self.args.cache_dir.as_deref()) }
     }
 
     fn look_up(&self, cache: &Cache, key: &Key) -> Option<BakeResult> {
@@ -135,9 +137,11 @@ impl<'a> Runner<'a> {
         &self,
         source: &Source<'_>,
         settings: &BakeSettings,
+        cache: Option<&Cache>,
         progress: &AssetProgress,
     ) -> Result<BakeResult, Error> {
-        let context = Context { progress: Some(progress), ..Context::default() };
+        let stages = cache.map(|cache| cache as &dyn StageStore);
+        let context = Context { progress: Some(progress), stages, ..Context::default() };
         let draw = |model: &Model, levels: &[Level]| png(&model.name, &contact_sheet(model, levels));
         let sheet: Option<Draw<'_>> = if self.args.sheet { Some(&draw) } else { None };
         let chain = || BakeResult::compute(source, settings, &context, sheet);

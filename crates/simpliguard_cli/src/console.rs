@@ -43,6 +43,14 @@ impl AssetProgress {
         Self { label, bar, announced: Mutex::new(None) }
     }
 
+    /// Says something while it runs.
+    pub(crate) fn note(&self, text: &str) {
+        match &self.bar {
+            Some(bar) => bar.set_message(text.to_owned()),
+            None => line(&format!("{}: {text}", self.label)),
+        }
+    }
+
     /// Ends the bar and says how it went.
     pub(crate) fn finish(self, outcome: &str) {
         if let Some(bar) = &self.bar {

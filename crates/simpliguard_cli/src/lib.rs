@@ -1,11 +1,13 @@
 //! The `simpliguard` command: bakes levels of detail into glTF files.
 //!
-//! Exit codes: 0 all baked, 1 some failed (the others are written), 2 wrong usage (nothing was baked), 130 interrupted.
+//! Exit codes of `bake`: 0 all baked, 1 some failed (the others are written), 2 wrong usage (nothing was baked), 130
+//! interrupted; of `cache`: 0 done, 1 something is damaged or could not be done, 2 wrong usage.
 //!
 //! A library, so that other programs of the workspace can do what the command does without starting it.
 
 mod args;
 mod bake;
+mod cache;
 mod console;
 mod inputs;
 mod interrupt;
@@ -37,6 +39,7 @@ impl From<simpliguard::Error> for UsageError {
 pub fn run<T: Into<OsString> + Clone>(args: impl IntoIterator<Item = T>) -> ExitCode {
     let done = match Args::parse_from(args).command {
         Command::Bake(args) => bake::run(&args),
+        Command::Cache(args) => cache::run(&args),
         Command::Settings(args) => settings::run(&args).map(|()| true),
     };
     match done {

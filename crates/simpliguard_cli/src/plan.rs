@@ -9,7 +9,7 @@ use simpliguard::settings::BakeSettings;
 use crate::UsageError;
 use crate::args::BakeArgs;
 use crate::inputs::{self, Input};
-use crate::project::SettingsLookup;
+use crate::project::{ProjectCache, SettingsLookup};
 use crate::source::is_gltf;
 
 /// One model to bake.
@@ -21,8 +21,8 @@ pub(crate) struct Job {
     pub(crate) name: String,
     /// Its settings; `Err` fails this model alone.
     pub(crate) settings: Result<BakeSettings, Error>,
-    /// The cache's folder as the model's project configures it.
-    pub(crate) cache_dir: Option<PathBuf>,
+    /// The cache as the model's project configures it.
+    pub(crate) cache: ProjectCache,
     /// Where the result goes, without extension.
     stem: PathBuf,
 }
@@ -77,7 +77,7 @@ pub(crate) fn plan(args: &BakeArgs) -> Result<Vec<Job>, UsageError> {
             stem: args.output.join(&input.below),
             input: input.path,
             settings: settings.resolved.map(|r| r.settings),
-            cache_dir: settings.cache_dir,
+            cache: settings.cache,
         });
     }
     check_outputs(&jobs, args)?;

@@ -7,7 +7,8 @@ use std::io;
 use std::path::{Path, PathBuf};
 
 use simpliguard::Error;
-use simpliguard::settings::{Layer, Origin, ProjectFile, Resolved, parse_meta, resolve};
+use simpliguard::settings::{CacheSettings, Layer, Origin, ProjectFile, Resolved, parse_meta, resolve};
+use simpliguard_cache::Cache;
 
 use crate::UsageError;
 use crate::args::SettingsSources;
@@ -34,16 +35,34 @@ pub(crate) struct SettingsLookup {
 pub(crate) struct ModelSettings {
     /// `Err` if the model's own `.meta` cannot be used.
     pub(crate) resolved: Result<Resolved, Error>,
-    /// The cache's folder as its project configures it, absolute.
-    pub(crate) cache_dir: Option<PathBuf>,
+    /// The cache as its project configures it.
+    pub(crate) cache: ProjectCache,
+}
+
+/// The cache as a project configures it.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct ProjectCache {
+    settings: CacheSettings,
+    /// The project's folder.
+    base: PathBuf,
+}
+
+impl ProjectCache {
+    /// Of the project in `folder`, or else of the one around the current folder.
+    pub(crate) fn of(folder: Option<&Path>) -> Result<Self, UsageError> {
+        let here = || nearest_project(&std::env::current_dir().ok()?.join("here"));
+        Ok(Project::read(folder.map(existing_folder).transpose()?.or_else(here))?.cache())
+    }
+
+    /// The cache, unless there is no place for one. `explicit` is the folder of the command line.
+    pub(crate) fn open(&self, explicit: Option<&Path>) -> Option<Cache> {
+        Cache::of_project(explicit, &self.settings, &self.base)
+    }
 }
 
 impl SettingsLookup {
     pub(crate) fn new(sources: &SettingsSources) -> Result<Self, UsageError> {
-        let fixed = sources.project.as_ref().map(|dir| match dir.canonicalize() {
-            Ok(path) if path.is_dir() => Ok(path),
-            _ => Err(UsageError(format!("--project {}: there is no such folder", dir.display()))),
-        });
+        let fixed = sources.project.as_deref().map(existing_folder);
         Ok(Self {
             fixed: fixed.transpose()?,
             profile: sources.profile.clone(),
@@ -67,7 +86,7 @@ impl SettingsLookup {
             layers.extend(self.top.iter().cloned());
             resolve(layers)
         });
-        Ok(ModelSettings { resolved, cache_dir: project.cache_dir() })
+        Ok(ModelSettings { resolved, cache: project.cache() })
     }
 }
 
@@ -94,8 +113,15 @@ impl Project {
         slashed(below.unwrap_or(model.file_name().map(Path::new).unwrap_or(model)))
     }
 
-    fn cache_dir(&self) -> Option<PathBuf> {
-        Some(self.folder.as_ref()?.join(self.file.project.cache_dir.as_ref()?))
+    fn cache(&self) -> ProjectCache {
+        ProjectCache { settings: self.file.project.cache.clone(), base: self.folder.clone().unwrap_or_default() }
+    }
+}
+
+fn existing_folder(dir: &Path) -> Result<PathBuf, UsageError> {
+    match dir.canonicalize() {
+        Ok(path) if path.is_dir() => Ok(path),
+        _ => Err(UsageError(format!("--project {}: there is no such folder", dir.display()))),
     }
 }
 

@@ -155,12 +155,12 @@ pub(crate) fn print_refusal(error: &UsageError) -> Result<(), UsageError> {
     write_stdout(&json_text(&Document { version: DOCUMENT_VERSION, error: Some(error.to_string()), assets: &[] })?)
 }
 
-fn json_text(document: &Document<'_>) -> Result<String, UsageError> {
+pub(crate) fn json_text(document: &impl Serialize) -> Result<String, UsageError> {
     let text = serde_json::to_string_pretty(document);
     Ok(text.map_err(|e| UsageError(format!("cannot write the JSON document: {e}")))? + "\n")
 }
 
-fn write_stdout(text: &str) -> Result<(), UsageError> {
+pub(crate) fn write_stdout(text: &str) -> Result<(), UsageError> {
     match io::stdout().write_all(text.as_bytes()) {
         // The reader of a pipe may leave early.
         Err(e) if e.kind() != io::ErrorKind::BrokenPipe => Err(UsageError(format!("cannot write to stdout: {e}"))),

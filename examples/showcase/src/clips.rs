@@ -7,7 +7,7 @@ use crate::exhibits::{Collection, Exhibit};
 
 /// Which of its clips each model plays: this one modulo their number.
 #[derive(Resource, Default)]
-pub(crate) struct ClipChoice(pub(crate) usize);
+struct ClipChoice(usize);
 
 /// Per model, the graph that holds its clips; `None` until it is loaded, or where there are no clips.
 #[derive(Resource, Default)]
@@ -20,7 +20,13 @@ struct Graph {
 
 pub(crate) fn plugin(app: &mut App) {
     app.init_resource::<ClipChoice>().init_resource::<Graphs>();
-    app.add_systems(Update, (collect, start, change.run_if(resource_changed::<ClipChoice>)).chain());
+    app.add_systems(Update, (next, collect, start, change.run_if(resource_changed::<ClipChoice>)).chain());
+}
+
+fn next(keys: Res<ButtonInput<KeyCode>>, mut choice: ResMut<ClipChoice>) {
+    if keys.just_pressed(KeyCode::KeyC) {
+        choice.0 += 1;
+    }
 }
 
 fn collect(

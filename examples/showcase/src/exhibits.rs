@@ -9,7 +9,6 @@ use bevy::gltf::{Gltf, GltfAssetLabel};
 use bevy::prelude::*;
 use bevy_simpliguard::SimpliguardLods;
 
-use crate::controls::Choice;
 use crate::layout::{self, AVENUE};
 
 /// One file of the asset folder.
@@ -40,7 +39,7 @@ pub(crate) struct Collection {
 #[derive(Component, Clone, Copy)]
 pub(crate) struct Exhibit(pub(crate) usize);
 
-/// The level that a gallery's exhibit shows unless the visitor forces another.
+/// The level that a gallery's exhibit shows at any distance.
 #[derive(Component, Clone, Copy)]
 pub(crate) struct Pinned(pub(crate) u32);
 
@@ -58,7 +57,7 @@ struct PlinthLook {
 pub(crate) fn plugin(app: &mut App) {
     app.add_systems(PreStartup, find_models);
     app.add_systems(Startup, (place_sources, place_avenues));
-    app.add_systems(Update, (note_levels, complete_rows, force_levels).chain());
+    app.add_systems(Update, (note_levels, complete_rows).chain());
 }
 
 fn find_models(
@@ -97,14 +96,14 @@ fn model_files(folder: &Path) -> Vec<String> {
 
 fn place_sources(mut commands: Commands, collection: Res<Collection>, look: Res<PlinthLook>) {
     for (index, model) in collection.models.iter().enumerate() {
-        place(&mut commands, &look, layout::slot(index, 0, 1), (model.exhibit(index), Pinned(0)));
+        place(&mut commands, &look, layout::slot(index, 0, 1), (model.exhibit(index, Some(0)), Pinned(0)));
     }
 }
 
 fn place_avenues(mut commands: Commands, collection: Res<Collection>, look: Res<PlinthLook>) {
     for (index, model) in collection.models.iter().enumerate() {
         for position in 0..AVENUE {
-            place(&mut commands, &look, layout::avenue(index, position), model.exhibit(index));
+            place(&mut commands, &look, layout::avenue(index, position), model.exhibit(index, None));
         }
     }
 }
@@ -121,9 +120,10 @@ fn place(commands: &mut Commands, look: &PlinthLook, position: Vec3, exhibit: im
 }
 
 impl Model {
-    /// An instance; hidden until its size is known.
-    fn exhibit(&self, index: usize) -> impl Bundle + use<> {
-        (Exhibit(index), WorldAssetRoot(self.scene.clone()), SimpliguardLods::default(), Visibility::Hidden)
+    /// An instance that shows level `force`, or what the distance asks for; hidden until its size is known.
+    fn exhibit(&self, index: usize, force: Option<u32>) -> impl Bundle + use<> {
+        let lods = SimpliguardLods { force, ..default() };
+        (Exhibit(index), WorldAssetRoot(self.scene.clone()), lods, Visibility::Hidden)
     }
 }
 
@@ -167,7 +167,7 @@ fn complete_rows(
         for (column, number) in row.iter().enumerate() {
             if !pinned.iter().any(|(exhibit, level, _)| exhibit.0 == index && level.0 == *number) {
                 let position = layout::slot(index, column, row.len());
-                place(&mut commands, &look, position, (model.exhibit(index), Pinned(*number)));
+                place(&mut commands, &look, position, (model.exhibit(index, Some(*number)), Pinned(*number)));
             }
         }
     }
@@ -177,15 +177,5 @@ impl Model {
     /// The levels of the model's row, the most detailed first: the source and its stand-ins.
     fn row(&self) -> Vec<u32> {
         std::iter::once(0).chain(self.levels.iter().map(|level| level.number).filter(|number| *number != 0)).collect()
-    }
-}
-
-/// Hands the visitor's choice, else the gallery's own level, to the plugin.
-fn force_levels(choice: Res<Choice>, mut exhibits: Query<(&mut SimpliguardLods, Option<&Pinned>)>) {
-    for (mut lods, pinned) in &mut exhibits {
-        let force = choice.forced.or(pinned.map(|pinned| pinned.0));
-        if lods.force != force {
-            lods.force = force;
-        }
     }
 }

@@ -9,12 +9,11 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use bevy::app::TerminalCtrlCHandlerPlugin;
 use bevy::asset::AssetMode;
-use bevy::diagnostic::FrameTimeDiagnosticsPlugin;
 use bevy::prelude::*;
 use bevy::window::PresentMode;
-use bevy_simpliguard::SimpliguardPlugin;
+use bevy_simpliguard::{OverlayPlugin, SimpliguardPlugin};
 
-use crate::{camera, clips, controls, exhibits, fit, labels, markers, overlay, photos, stage};
+use crate::{camera, clips, exhibits, fit, help, labels, markers, photos, stage};
 
 /// Builds the game, with a window and a renderer. `Err` says why there is none.
 ///
@@ -45,10 +44,10 @@ fn build(photos: Option<PathBuf>) -> App {
             .disable::<TerminalCtrlCHandlerPlugin>()
             .set(AssetPlugin { mode: AssetMode::Processed, ..default() })
             .set(WindowPlugin { primary_window: Some(window), ..default() }),
-        FrameTimeDiagnosticsPlugin::default(),
+        OverlayPlugin::default(),
     ));
     app.add_plugins((stage::plugin, exhibits::plugin, fit::plugin, clips::plugin, markers::plugin));
-    app.add_plugins((camera::plugin, controls::plugin, overlay::plugin, labels::plugin));
+    app.add_plugins((camera::plugin, help::plugin, labels::plugin));
     if let Some(folder) = photos {
         app.add_plugins(photos::plugin(folder));
     }

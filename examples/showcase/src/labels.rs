@@ -4,11 +4,11 @@ use std::ops::Range;
 
 use bevy::camera::visibility::Visibility;
 use bevy::prelude::*;
+use bevy_simpliguard::overlay::{level_color, thousands};
 
 use crate::camera::Orbit;
 use crate::exhibits::{Collection, Exhibit, Pinned};
 use crate::layout::PLINTH_RADIUS;
-use crate::markers;
 
 /// Depths at which captions are shown, as parts of the depth of what the camera looks at: captions of other rows would
 /// cover it.
@@ -56,7 +56,7 @@ fn hang(mut commands: Commands, exhibits: Query<(Entity, &Pinned), Added<Pinned>
                     ..default()
                 },
                 BackgroundColor(Color::srgba(0.10, 0.11, 0.12, 0.78)),
-                BorderColor::all(markers::color(level.0)),
+                BorderColor::all(level_color(level.0)),
                 children![
                     (CaptionText::Name(entity), Text::default(), TextFont::from_font_size(13.0)),
                     (
@@ -129,31 +129,5 @@ fn follow(
         if matches!(caption, CaptionText::Triangles(_)) && node.display != display {
             node.display = display;
         }
-    }
-}
-
-/// `number` with a comma between groups of three digits.
-pub(crate) fn thousands(number: u64) -> String {
-    let digits = number.to_string();
-    let mut text = String::with_capacity(digits.len() * 4 / 3);
-    for (i, digit) in digits.chars().enumerate() {
-        if i > 0 && (digits.len() - i).is_multiple_of(3) {
-            text.push(',');
-        }
-        text.push(digit);
-    }
-    text
-}
-
-#[cfg(test)]
-mod tests {
-    use super::thousands;
-
-    #[test]
-    fn digits_come_in_groups_of_three() {
-        assert_eq!(thousands(0), "0");
-        assert_eq!(thousands(999), "999");
-        assert_eq!(thousands(1_000), "1,000");
-        assert_eq!(thousands(12_345_678), "12,345,678");
     }
 }

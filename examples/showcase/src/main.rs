@@ -6,14 +6,13 @@
 
 mod camera;
 mod clips;
-mod controls;
 mod exhibits;
 mod fit;
 mod game;
+mod help;
 mod labels;
 mod layout;
 mod markers;
-mod overlay;
 mod photos;
 mod request;
 mod stage;

@@ -3,25 +3,10 @@
 use bevy::light::NotShadowCaster;
 use bevy::prelude::*;
 use bevy_simpliguard::SimpliguardLods;
+use bevy_simpliguard::overlay::{LEVELS, level_color};
 
 use crate::exhibits::{Exhibit, Plinth};
 use crate::layout::{PLINTH_HEIGHT, PLINTH_RADIUS};
-
-/// Highest level number there is.
-pub(crate) const LEVELS: usize = 8;
-
-/// The colour of each level number, the source's first.
-const COLORS: [Color; LEVELS + 1] = [
-    Color::srgb(0.93, 0.93, 0.91),
-    Color::srgb(0.84, 0.27, 0.19),
-    Color::srgb(0.94, 0.65, 0.16),
-    Color::srgb(0.18, 0.62, 0.45),
-    Color::srgb(0.22, 0.55, 0.79),
-    Color::srgb(0.46, 0.36, 0.71),
-    Color::srgb(0.80, 0.47, 0.65),
-    Color::srgb(0.45, 0.33, 0.24),
-    Color::srgb(0.35, 0.40, 0.45),
-];
 
 /// The ring of a plinth, its parent.
 #[derive(Component)]
@@ -32,11 +17,6 @@ struct Ring;
 struct RingLook {
     mesh: Handle<Mesh>,
     materials: Vec<Handle<StandardMaterial>>,
-}
-
-/// The colour of level `number`.
-pub(crate) fn color(number: u32) -> Color {
-    COLORS[(number as usize).min(LEVELS)]
 }
 
 pub(crate) fn plugin(app: &mut App) {
@@ -54,7 +34,7 @@ fn prepare(mut commands: Commands, mut meshes: ResMut<Assets<Mesh>>, mut materia
         mesh: meshes.add(
             Torus::new(PLINTH_RADIUS - 0.02, PLINTH_RADIUS + 0.06).mesh().minor_resolution(8).major_resolution(48),
         ),
-        materials: COLORS.into_iter().map(|color| materials.add(material(color))).collect(),
+        materials: (0..=LEVELS).map(|level| materials.add(material(level_color(level)))).collect(),
     });
 }
 
@@ -77,7 +57,7 @@ fn paint(
     mut rings: Query<&mut MeshMaterial3d<StandardMaterial>, With<Ring>>,
 ) {
     for (lods, plinth) in &exhibits {
-        let material = &look.materials[(lods.current as usize).min(LEVELS)];
+        let material = &look.materials[lods.current.min(LEVELS) as usize];
         for child in plinths.get(plinth.parent()).into_iter().flatten() {
             if let Ok(mut shown) = rings.get_mut(*child)
                 && shown.0 != *material

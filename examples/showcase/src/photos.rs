@@ -7,10 +7,11 @@ use std::time::{Duration, Instant};
 
 use bevy::prelude::*;
 use bevy::render::view::screenshot::{Screenshot, ScreenshotCaptured, save_to_disk};
+use bevy_simpliguard::Bakes;
 
 use crate::camera::{Orbit, View};
 use crate::exhibits::{Collection, Pinned};
-use crate::overlay::{Bakes, Help};
+use crate::help::Help;
 
 /// Frames between a move of the camera and the picture: shaders and textures come a few frames late.
 const SETTLED: u32 = 8;
@@ -69,7 +70,7 @@ fn wait(
     mut exit: MessageWriter<AppExit>,
 ) {
     let Step::Waiting(quiet) = album.step else { return };
-    let changed = collection.is_changed() || bakes.is_changed() || !bakes.running.is_empty();
+    let changed = collection.is_changed() || bakes.is_changed() || !bakes.is_settled();
     if changed || exhibits.iter().any(|visibility| *visibility == Visibility::Hidden) {
         album.step = Step::Waiting(None);
     } else if quiet.is_none_or(|since| since.elapsed() < QUIET) {

@@ -10,7 +10,7 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use bevy::animation::AnimationPlugin;
-use bevy::app::ScheduleRunnerPlugin;
+use bevy::app::{ScheduleRunnerPlugin, TaskPoolOptions, TaskPoolPlugin, TaskPoolThreadAssignmentPolicy};
 use bevy::asset::io::file::FileAssetReader;
 use bevy::asset::{AssetLoadFailedEvent, AssetMode};
 use bevy::camera::CameraPlugin;
@@ -19,7 +19,7 @@ use bevy::log::LogPlugin;
 use bevy::mesh::MeshPlugin;
 use bevy::prelude::*;
 use bevy::world_serialization::{WorldAssetRoot, WorldInstanceReady, WorldSerializationPlugin};
-use bevy_simpliguard::{BakeFailed, BakeFinished, BakeMode, BakeStarted, SimpliguardPlugin};
+use bevy_simpliguard::{BakeFailed, BakeFinished, BakeMode, BakeStarted, Bakes, SimpliguardPlugin};
 use serde::Deserialize;
 use serde_json::{Value, json};
 
@@ -75,7 +75,7 @@ fn game() {
             threads: options.threads,
             ..default()
         },
-        MinimalPlugins.set(ScheduleRunnerPlugin::run_loop(Duration::from_millis(4))),
+        MinimalPlugins.set(ScheduleRunnerPlugin::run_loop(Duration::from_millis(4))).set(one_io_thread()),
         LogPlugin { filter: "info,bevy_asset=debug,bevy_simpliguard=debug".into(), ..default() },
         AssetPlugin { mode: AssetMode::Processed, ..default() },
         TransformPlugin,
@@ -99,6 +99,18 @@ fn game() {
         .add_systems(Update, (time_frames, report_bakes, report_models, quit))
         .add_observer(report_instance);
     assert!(app.run().is_success());
+}
+
+/// What waits for something in Bevy's processor holds everything up then, as on any machine of two cores.
+fn one_io_thread() -> TaskPoolPlugin {
+    let one = TaskPoolThreadAssignmentPolicy {
+        min_threads: 1,
+        max_threads: 1,
+        percent: 0.25,
+        on_thread_spawn: None,
+        on_thread_destroy: None,
+    };
+    TaskPoolPlugin { task_pool_options: TaskPoolOptions { io: one, ..default() } }
 }
 
 /// Set when standard input ends.
@@ -144,6 +156,7 @@ fn time_frames(mut clock: ResMut<Clock>) {
 
 fn report_bakes(
     clock: Res<Clock>,
+    bakes: Res<Bakes>,
     mut started: MessageReader<BakeStarted>,
     mut finished: MessageReader<BakeFinished>,
     mut failed: MessageReader<BakeFailed>,
@@ -153,10 +166,14 @@ fn report_bakes(
     }
     for message in finished.read() {
         let seconds = message.duration.as_secs_f64();
-        say(&clock, json!({ "what": "finished", "path": message.path.to_string(), "seconds": seconds }));
+        let (path, triangles) = (message.path.to_string(), message.report.source_faces);
+        say(&clock, json!({ "what": "finished", "path": path, "seconds": seconds, "triangles": triangles }));
     }
     for message in failed.read() {
         say(&clock, json!({ "what": "failed", "path": message.path.to_string(), "error": message.error }));
+    }
+    if bakes.is_changed() && bakes.is_settled() {
+        say(&clock, json!({ "what": "settled", "models": bakes.iter().count() }));
     }
 }
 

@@ -2,7 +2,12 @@
 
 mod app;
 mod bakes;
+mod cache;
+mod figures;
+mod many;
 mod model;
 mod project;
+mod saves;
 mod scenes;
+mod second;
 mod switching;

@@ -51,13 +51,31 @@ pub(super) fn globe(rings: u32) -> (Value, Vec<u8>) {
 
 /// One globe as a binary glTF, without a texture.
 pub(super) fn globe_glb(rings: u32) -> Vec<u8> {
+    globe_glb_coloured(rings, 0.8)
+}
+
+/// As [`globe_glb`], with so much red.
+pub(super) fn globe_glb_coloured(rings: u32, red: f32) -> Vec<u8> {
+    let (json, bin) = one_file(rings, red);
+    glb(&json, bin)
+}
+
+/// As [`globe_glb`], with `megabytes` of nothing behind it.
+pub(super) fn heavy_glb(rings: u32, megabytes: usize, fill: u8) -> Vec<u8> {
+    let (mut json, mut bin) = one_file(rings, 0.8);
+    bin.resize(bin.len() + megabytes * 1_000_000, fill);
+    json["buffers"][0]["byteLength"] = json!(bin.len());
+    glb(&json, bin)
+}
+
+fn one_file(rings: u32, red: f32) -> (Value, Vec<u8>) {
     let (mut json, bin) = globe(rings);
     for key in ["textures", "images"] {
         json.as_object_mut().expect("an object").remove(key);
     }
-    json["materials"] = json!([{ "pbrMetallicRoughness": { "baseColorFactor": [0.8, 0.3, 0.2, 1.0] } }]);
+    json["materials"] = json!([{ "pbrMetallicRoughness": { "baseColorFactor": [red, 0.3, 0.2, 1.0] } }]);
     json["buffers"][0].as_object_mut().expect("an object").remove("uri");
-    glb(&json, bin)
+    (json, bin)
 }
 
 /// A binary glTF of JSON and one buffer.

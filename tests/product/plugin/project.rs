@@ -23,14 +23,21 @@ const QUICK: &str = "(defaults: (faces: [100, 200], quality: Draft, candidates: 
 /// A folder with `assets/`, `config/` and a cache.
 pub(super) struct Project {
     dir: TempDir,
+    cache: PathBuf,
 }
 
 impl Project {
     pub(super) fn new() -> Self {
-        let project = Self { dir: tempfile::tempdir().expect("tempdir") };
+        let dir = tempfile::tempdir().expect("tempdir");
+        let project = Self { cache: dir.path().join("cache"), dir };
         project.save("config/simpliguard.ron", QUICK);
         fs::create_dir(project.path("assets")).expect("makes a folder");
         project
+    }
+
+    /// As [`Self::new`], with the cache elsewhere.
+    pub(super) fn with_cache(cache: &Path) -> Self {
+        Self { cache: cache.to_owned(), ..Self::new() }
     }
 
     pub(super) fn path(&self, below: &str) -> PathBuf {
@@ -51,10 +58,24 @@ impl Project {
 
     /// Starts the game with options of [`app::Options`], as RON without the parentheses.
     pub(super) fn run_with(&self, options: &str) -> Game {
-        let mut child = Command::new(std::env::current_exe().expect("known"))
+        self.run_command(Command::new(std::env::current_exe().expect("known")), options)
+    }
+
+    /// As [`Self::run_with`] on a disk on which no file can have more than `kib` KiB.
+    #[cfg(unix)]
+    pub(super) fn run_on_full_disk(&self, kib: u64) -> Game {
+        let mut shell = Command::new("sh");
+        // Blocks of 512 bytes; a write beyond fails once the signal is ignored.
+        shell.args(["-c", &format!("trap '' XFSZ; ulimit -f {}; exec \"$0\" \"$@\"", 2 * kib)]);
+        shell.arg(std::env::current_exe().expect("known"));
+        self.run_command(shell, "")
+    }
+
+    fn run_command(&self, mut command: Command, options: &str) -> Game {
+        let mut child = command
             .args(["--exact", app::NAME, "--ignored", "--nocapture", "--test-threads=1"])
             .env("BEVY_ASSET_ROOT", self.dir.path())
-            .env("SIMPLIGUARD_CACHE_DIR", self.path("cache"))
+            .env("SIMPLIGUARD_CACHE_DIR", &self.cache)
             .env(app::OPTIONS, format!("({options})"))
             .stdin(Stdio::piped())
             .stdout(Stdio::piped())
@@ -62,7 +83,7 @@ impl Project {
             .spawn()
             .expect("starts");
         let (lines, log) = (lines_of(child.stdout.take()), lines_of(child.stderr.take()));
-        Game { child, lines, log, past: Vec::new() }
+        Game { child, lines, log, past: Vec::new(), logged: Vec::new() }
     }
 }
 
@@ -79,6 +100,7 @@ pub(super) struct Game {
     lines: Receiver<String>,
     log: Receiver<String>,
     past: Vec<Value>,
+    logged: Vec<String>,
 }
 
 impl Game {
@@ -125,6 +147,36 @@ impl Game {
         }
     }
 
+    /// Waits for a line of the log that holds `text`.
+    #[track_caller]
+    pub(super) fn wait_for_log(&mut self, text: &str) {
+        let end = Instant::now() + PATIENCE;
+        while !self.logged.iter().any(|line| line.contains(text)) {
+            match self.log.recv_timeout(end.saturating_duration_since(Instant::now())) {
+                Ok(line) => self.logged.push(line),
+                Err(_) => panic!("'{text}' was never logged\n{}", self.story()),
+            }
+        }
+    }
+
+    /// Takes in what is reported for a while.
+    pub(super) fn listen(&mut self, time: Duration) {
+        let end = Instant::now() + time;
+        while let Ok(line) = self.lines.recv_timeout(end.saturating_duration_since(Instant::now())) {
+            if let Some(report) = line.strip_prefix(app::REPORT) {
+                self.past.push(serde_json::from_str(report).expect("JSON"));
+            }
+        }
+    }
+
+    /// A number from `/proc`, such as `VmHWM`, the most memory the game ever had, in KiB.
+    #[cfg(target_os = "linux")]
+    pub(super) fn proc_status(&self, field: &str) -> u64 {
+        let status = fs::read_to_string(format!("/proc/{}/status", self.child.id())).expect("reads");
+        let value = status.lines().find_map(|line| line.strip_prefix(field)?.strip_prefix(':'));
+        value.and_then(|v| v.split_whitespace().next()?.parse().ok()).expect("a number")
+    }
+
     /// How many reports of a kind there were.
     pub(super) fn count(&self, what: &str) -> usize {
         self.past.iter().filter(|r| r["what"] == what).count()
@@ -161,8 +213,8 @@ impl Game {
     /// Everything for a message.
     fn story(&mut self) -> String {
         let reports: Vec<String> = self.past.iter().map(Value::to_string).collect();
-        let log: Vec<String> = self.log.try_iter().collect();
-        format!("reports:\n{}\nlog:\n{}", reports.join("\n"), log.join("\n"))
+        self.logged.extend(self.log.try_iter());
+        format!("reports:\n{}\nlog:\n{}", reports.join("\n"), self.logged.join("\n"))
     }
 }
 

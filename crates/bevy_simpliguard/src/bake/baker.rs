@@ -10,9 +10,10 @@ use bevy::platform::collections::HashSet;
 use bevy::prelude::*;
 use bytes::Bytes;
 use simpliguard::Error;
-use simpliguard::settings::{BakeSettings, Layer, Origin, ProjectFile, parse_meta, resolve};
-use simpliguard_cache::{BakeResult, Cache, Key, Lookup, bake_key, place};
+use simpliguard::settings::{BakeSettings, CacheSettings, Layer, Origin, ProjectFile, parse_meta, resolve};
+use simpliguard_cache::{BakeResult, Cache, Key, Lookup, bake_key};
 
+use super::activity::Activity;
 use super::events::{BakeFailed, Event};
 use super::input::Input;
 use super::journal::Journal;
@@ -51,9 +52,11 @@ pub(super) struct Baker {
     /// As the game asks for it.
     pub(super) cache_dir: Option<PathBuf>,
     pub(super) journal: Journal,
+    pub(super) activity: Arc<Activity>,
     pub(super) queue: Arc<Queue>,
     pub(super) events: async_channel::Sender<Event>,
-    pub(super) caches: Mutex<BTreeMap<PathBuf, Arc<Cache>>>,
+    /// By what the project's file said of it: that may change while the game runs.
+    pub(super) caches: Mutex<BTreeMap<CacheSettings, Arc<Cache>>>,
     /// Models that were processed since the start.
     pub(super) seen: Mutex<HashSet<AssetPath<'static>>>,
 }
@@ -69,6 +72,7 @@ impl Baker {
         if let Some(found) = order.cached() {
             debug!("{path}: levels from the cache");
             let missing = input.files.missing(path);
+            self.tell(Event::Wished { path: path.clone(), key: order.key, cached: missing.is_empty() });
             if missing.is_empty() {
                 self.queue.forget(path);
                 self.settle(&order);
@@ -78,6 +82,7 @@ impl Baker {
             return found.combined.into();
         }
         self.note_pending(path);
+        self.tell(Event::Wished { path: path.clone(), key: order.key, cached: false });
         let first = self.seen.lock().unwrap_or_else(PoisonError::into_inner).insert(path.clone());
         let exchangeable = *path.source() == AssetSourceId::Default;
         // Bevy may stop for good if a second change meets a long wait, so only the first is waited for.
@@ -105,9 +110,10 @@ impl Baker {
         let _ = self.events.try_send(event);
     }
 
-    pub(super) fn fail(&self, path: &AssetPath<'static>, error: String) {
+    /// `key` is that of the bake, if it came so far.
+    pub(super) fn fail(&self, path: &AssetPath<'static>, key: Option<Key>, error: String) {
         error!("{error}");
-        self.tell(Event::Failed(BakeFailed { path: path.clone(), error }));
+        self.tell(Event::Failed(key, BakeFailed { path: path.clone(), error }));
     }
 
     fn order(&self, path: &AssetPath<'static>, input: &Input) -> Result<Order, Error> {
@@ -125,10 +131,14 @@ impl Baker {
     }
 
     fn cache(&self, project: &ProjectFile) -> Option<Arc<Cache>> {
-        let configured = project.project.cache_dir.as_ref().map(|dir| self.project.base.join(dir));
-        let folder = place(self.cache_dir.as_deref(), configured.as_deref())?;
+        let settings = &project.project.cache;
         let mut caches = self.caches.lock().unwrap_or_else(PoisonError::into_inner);
-        Some(caches.entry(folder).or_insert_with_key(|folder| Arc::new(Cache::new(folder.clone()))).clone())
+        if let Some(known) = caches.get(settings) {
+            return Some(known.clone());
+        }
+        let cache = Arc::new(Cache::of_project(self.cache_dir.as_deref(), settings, &self.project.base)?);
+        caches.insert(settings.clone(), cache.clone());
+        Some(cache)
     }
 
     async fn wait_for(&self, order: Order) -> Option<Bytes> {
@@ -142,7 +152,7 @@ impl Baker {
         self.queue.forget(path);
         // At the next start the message comes again, or nothing if the mistake was mended meanwhile.
         self.note_pending(path);
-        self.fail(path, error.to_string());
+        self.fail(path, None, error.to_string());
         self.meanwhile(path, input)
     }
 

@@ -5,6 +5,9 @@ use std::time::Duration;
 use bevy::asset::AssetPath;
 use bevy::prelude::*;
 use simpliguard::{Report, StageId};
+use simpliguard_cache::Key;
+
+use super::status::{BakeStatus, Bakes};
 
 /// A model that is not in the cache is being baked.
 #[derive(Message, Clone, Debug)]
@@ -47,10 +50,17 @@ pub struct BakeFailed {
 /// What bakes tell the game, in the order it happened.
 #[derive(Debug)]
 pub(super) enum Event {
-    Started(BakeStarted),
-    Progress(BakeProgress),
-    Finished(BakeFinished),
-    Failed(BakeFailed),
+    /// A model is to have the levels of a key; they are still to be made, or the cache has them.
+    Wished {
+        path: AssetPath<'static>,
+        key: Key,
+        cached: bool,
+    },
+    Started(Key, BakeStarted),
+    Progress(Key, BakeProgress),
+    Finished(Key, BakeFinished),
+    /// Without a key if the model's settings do not even make one.
+    Failed(Option<Key>, BakeFailed),
     /// A model was exchanged and nobody watches its file.
     Exchanged(AssetPath<'static>),
 }
@@ -63,6 +73,7 @@ pub(super) struct EventReceiver(pub(super) async_channel::Receiver<Event>);
 pub(super) fn deliver(
     receiver: Res<EventReceiver>,
     server: Res<AssetServer>,
+    mut bakes: ResMut<Bakes>,
     mut started: MessageWriter<BakeStarted>,
     mut progress: MessageWriter<BakeProgress>,
     mut finished: MessageWriter<BakeFinished>,
@@ -70,16 +81,29 @@ pub(super) fn deliver(
 ) {
     while let Ok(event) = receiver.0.try_recv() {
         match event {
-            Event::Started(message) => {
+            Event::Wished { path, key, cached: false } => bakes.wish(&path, Some(key), BakeStatus::Queued),
+            Event::Wished { path, key, cached: true } => {
+                bakes.wish(&path, Some(key), BakeStatus::Done { duration: Duration::ZERO });
+            }
+            Event::Started(key, message) => {
+                bakes.advance(&message.path, key, BakeStatus::Baking { stage: StageId::Import, fraction: 0.0 });
                 started.write(message);
             }
-            Event::Progress(message) => {
+            Event::Progress(key, message) => {
+                let BakeProgress { stage, fraction, .. } = message;
+                bakes.advance(&message.path, key, BakeStatus::Baking { stage, fraction });
                 progress.write(message);
             }
-            Event::Finished(message) => {
+            Event::Finished(key, message) => {
+                bakes.advance(&message.path, key, BakeStatus::Done { duration: message.duration });
                 finished.write(message);
             }
-            Event::Failed(message) => {
+            Event::Failed(key, message) => {
+                let status = BakeStatus::Failed { error: message.error.clone() };
+                match key {
+                    Some(key) => bakes.advance(&message.path, key, status),
+                    None => bakes.wish(&message.path, None, status),
+                }
                 failed.write(message);
             }
             Event::Exchanged(path) if !server.watching_for_changes() => server.reload(path),

@@ -11,6 +11,7 @@ use bytes::Bytes;
 use simpliguard::gltf::external_uris;
 use simpliguard::{RelativeUri, Resources, Source};
 
+use super::names::is_model;
 use super::project::Project;
 
 /// The bytes of a model file and of the files it refers to, as they are in the asset source.
@@ -67,12 +68,6 @@ impl Resources for SourceFiles {
     }
 }
 
-/// Two models that name each other, or one that names itself, would wait for each other for ever.
-fn is_model(uri: &RelativeUri) -> bool {
-    let extension = Path::new(uri.as_str()).extension();
-    extension.is_some_and(|e| e.eq_ignore_ascii_case("glb") || e.eq_ignore_ascii_case("gltf"))
-}
-
 /// The asset that a model names by a URI.
 fn neighbour(path: &AssetPath<'static>, uri: &RelativeUri) -> AssetPath<'static> {
     let folder = path.path().parent().unwrap_or(Path::new(""));
@@ -127,7 +122,8 @@ impl AssetLoader for InputLoader {
         let files = files.map_err(std::io::Error::other)?;
         // Read through Bevy once more, each becomes a process dependency: the model is processed again when it changes.
         // Its bytes may have been through a processor of their own and are of no use here.
-        for uri in files.beside.keys().filter(|uri| !is_model(uri)) {
+        // Two models that name each other, or one that names itself, would wait for each other for ever.
+        for uri in files.beside.keys().filter(|uri| !is_model(Path::new(uri.as_str()))) {
             if let Err(error) = context.read_asset_bytes(neighbour(&path, uri)).await {
                 debug!("{path}: '{}' is not watched: {error}", uri.as_str());
             }

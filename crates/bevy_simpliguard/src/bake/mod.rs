@@ -6,14 +6,19 @@
 //! and a bake is queued. Its result goes to the cache and then, by an atomic rename, into the place of the processed
 //! file, whose change Bevy reports to the game like that of any other asset.
 
+mod activity;
 mod baker;
 mod events;
+mod folders;
 mod input;
 mod journal;
+mod lock;
 mod names;
 mod process;
 mod project;
 mod queue;
+mod status;
+mod watch;
 mod worker;
 
 use std::sync::Arc;
@@ -21,6 +26,7 @@ use std::thread::available_parallelism;
 
 use bevy::asset::AssetPlugin;
 use bevy::asset::io::file::FileAssetReader;
+use bevy::asset::io::{AssetSourceBuilders, AssetSourceId};
 use bevy::asset::processor::AssetProcessor;
 use bevy::image::{CompressedImageFormatSupport, CompressedImageFormats, ImageLoader, ImagePlugin};
 use bevy::prelude::*;
@@ -28,12 +34,15 @@ use simpliguard::settings::ProjectSettings;
 
 pub use events::{BakeFailed, BakeFinished, BakeProgress, BakeStarted};
 pub use process::{MetaSettings, SimpliguardProcess};
+pub use status::{BakeStatus, Bakes};
 
 use crate::{BakeMode, SimpliguardPlugin};
 use baker::Baker;
 use events::{EventReceiver, deliver};
+use folders::{Folders, Use};
 use input::{Input, InputLoader};
 use journal::Journal;
+use lock::{NoLog, ProcessorLock};
 use project::Project;
 use queue::Queue;
 
@@ -46,36 +55,69 @@ pub(crate) fn build(plugin: &SimpliguardPlugin, app: &mut App) {
     app.add_message::<BakeStarted>()
         .add_message::<BakeProgress>()
         .add_message::<BakeFinished>()
-        .add_message::<BakeFailed>();
+        .add_message::<BakeFailed>()
+        .init_resource::<Bakes>();
     if app.is_plugin_added::<AssetPlugin>() {
         error!("SimpliguardPlugin must be added before DefaultPlugins (or AssetPlugin): no levels are baked");
         return;
     }
-    app.register_asset_source(project::SOURCE, Project::new(plugin.profile.clone()).source());
+    let lock = ProcessorLock::take(&FileAssetReader::get_base_path());
+    let folders = Folders::default();
+    app.register_asset_source(project::SOURCE, Project::new(plugin.profile.clone()).source(lock.is_ours()));
+    let mut sources = app.world_mut().get_resource_or_init::<AssetSourceBuilders>();
+    match sources.get_mut(AssetSourceId::Default) {
+        None => sources.insert(AssetSourceId::Default, folders.source(lock.is_ours())),
+        // The game's own.
+        Some(source) if !lock.is_ours() => source.processed_writer = None,
+        Some(_) => {}
+    }
+    app.insert_resource(lock).insert_resource(folders);
 }
 
 /// Everything else, once all plugins are built.
 pub(crate) fn finish(plugin: &SimpliguardPlugin, app: &mut App) {
     // What a renderer puts over it comes later.
     app.world_mut().get_resource_or_insert_with(|| CompressedImageFormatSupport(CompressedImageFormats::NONE));
-    let Some(processor) = app.world().get_resource::<AssetProcessor>().cloned() else {
-        info!(
-            "no levels are baked: set `AssetPlugin {{ mode: AssetMode::Processed, .. }}` to bake them when models are imported"
-        );
-        return;
+    let Some(lock) = app.world_mut().remove_resource::<ProcessorLock>() else { return };
+    let processor = app.world().get_resource::<AssetProcessor>().cloned();
+    let usage = match &processor {
+        None => Use::Plain,
+        Some(_) if lock.is_ours() => Use::Process,
+        Some(_) => Use::ReadProcessed,
     };
-    if processor.get_source(project::SOURCE).is_err() {
-        return;
+    let folders = app.world_mut().remove_resource::<Folders>().unwrap_or_default();
+    let paths = paths(app);
+    folders.open(&paths.source, &paths.processed, usage);
+    match (processor, lock.refusal()) {
+        (None, _) => info!(
+            "no levels are baked: set `AssetPlugin {{ mode: AssetMode::Processed, .. }}` to bake them when models are imported"
+        ),
+        (Some(processor), Some(why)) => {
+            warn!("assets are not processed and no levels are baked: {why}");
+            if let Err(error) = processor.data().set_log_factory(Box::new(NoLog)) {
+                error!("{error}");
+            }
+        }
+        (Some(processor), None) => {
+            app.insert_resource(lock);
+            start(plugin, app, processor, &folders, &paths);
+        }
     }
+}
+
+/// Bakes from now on.
+fn start(plugin: &SimpliguardPlugin, app: &mut App, processor: AssetProcessor, folders: &Folders, paths: &Paths) {
     warn_if_slow();
     let project = Project::new(plugin.profile.clone());
     // What is wrong with the file is reported with each model it is for.
     let configured = project.read().map(|file| file.project).unwrap_or_default();
     let (sender, receiver) = async_channel::unbounded();
+    let base = FileAssetReader::get_base_path();
     let baker = Arc::new(Baker {
         mode: mode(plugin, &configured),
         cache_dir: plugin.cache_dir.clone(),
-        journal: journal(app),
+        journal: Journal::new(base.join(&paths.processed)),
+        activity: folders.activity().clone(),
         project,
         queue: Arc::default(),
         events: sender,
@@ -98,8 +140,7 @@ pub(crate) fn finish(plugin: &SimpliguardPlugin, app: &mut App) {
         .init_asset::<Input>()
         .register_asset_loader(InputLoader { processor })
         .register_asset_processor(SimpliguardProcess { baker });
-    let folder = asset_folder(app);
-    for extension in names::extensions(&folder) {
+    for extension in names::extensions(&base.join(&paths.source)) {
         app.set_default_asset_processor::<SimpliguardProcess>(&extension);
     }
 }
@@ -127,14 +168,16 @@ fn threads(plugin: &SimpliguardPlugin, configured: &ProjectSettings) -> usize {
     plugin.threads.or(configured).unwrap_or(cores - 1).max(1)
 }
 
-fn journal(app: &App) -> Journal {
-    let processed = app.get_added_plugins::<AssetPlugin>().first().map(|p| p.processed_file_path.clone());
-    Journal::new(FileAssetReader::get_base_path().join(processed.unwrap_or_default()))
+/// The folders of the default source, relative to the base of all asset folders.
+struct Paths {
+    source: String,
+    processed: String,
 }
 
-fn asset_folder(app: &App) -> std::path::PathBuf {
-    let folder = app.get_added_plugins::<AssetPlugin>().first().map(|p| p.file_path.clone());
-    FileAssetReader::get_base_path().join(folder.unwrap_or_default())
+fn paths(app: &App) -> Paths {
+    let built_in = AssetPlugin::default();
+    let plugin = app.get_added_plugins::<AssetPlugin>().first().copied().unwrap_or(&built_in);
+    Paths { source: plugin.file_path.clone(), processed: plugin.processed_file_path.clone() }
 }
 
 fn warn_if_slow() {

@@ -18,8 +18,12 @@ pub(super) fn extensions(folder: &Path) -> BTreeSet<String> {
 /// All that follows the first dot in the name of a model.
 fn full_extension(name: &OsStr) -> Option<String> {
     let (_, extension) = name.to_str()?.split_once('.')?;
-    let last = extension.rsplit('.').next()?;
-    ["glb", "gltf"].iter().any(|e| last.eq_ignore_ascii_case(e)).then(|| extension.to_owned())
+    is_model(Path::new(name)).then(|| extension.to_owned())
+}
+
+/// Whether a file is a model by its name.
+pub(super) fn is_model(path: &Path) -> bool {
+    path.extension().is_some_and(|e| e.eq_ignore_ascii_case("glb") || e.eq_ignore_ascii_case("gltf"))
 }
 
 #[cfg(test)]

@@ -51,6 +51,8 @@ impl Process for SimpliguardProcess {
         writer: &mut Writer,
     ) -> Result<GltfLoaderSettings, ProcessError> {
         let path = context.path().clone();
+        let file = path.path().to_owned();
+        let _processing = self.baker.activity.processing(&file);
         let loaded = context.load_source_asset::<InputLoader>(&()).await?;
         let input = loaded.take::<Input>().expect("the loader makes nothing else");
         let output = self.baker.output_for(&path, input).await;

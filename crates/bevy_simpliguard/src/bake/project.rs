@@ -38,12 +38,16 @@ impl Project {
         AssetPath::from(PathBuf::from(file_name())).with_source(SOURCE)
     }
 
-    pub(super) fn source(&self) -> AssetSourceBuilder {
+    /// Without `process` its processed side cannot be written.
+    pub(super) fn source(&self, process: bool) -> AssetSourceBuilder {
         let project = self.clone();
         let folder = Path::new(ProjectFile::PATH).parent().unwrap_or(Path::new("")).to_string_lossy().into_owned();
         let builder = AssetSourceBuilder::new(move || Box::new(ProjectReader(Arc::new(project.clone()))))
-            .with_processed_reader(AssetSource::get_default_reader(PROCESSED.to_owned()))
-            .with_processed_writer(AssetSource::get_default_writer(PROCESSED.to_owned()));
+            .with_processed_reader(AssetSource::get_default_reader(PROCESSED.to_owned()));
+        if !process {
+            return builder;
+        }
+        let builder = builder.with_processed_writer(AssetSource::get_default_writer(PROCESSED.to_owned()));
         if self.base.join(&folder).is_dir() {
             builder.with_watcher(AssetSource::get_default_watcher(folder, SETTLE))
         } else {

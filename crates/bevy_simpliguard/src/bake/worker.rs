@@ -9,8 +9,8 @@ use bevy::asset::processor::AssetProcessor;
 use bevy::prelude::*;
 use bevy::tasks::block_on;
 use rayon::{ThreadPool, ThreadPoolBuilder};
-use simpliguard::{Context, Error, Progress, ProgressSink, Report, Status};
-use simpliguard_cache::{BakeResult, bake_key};
+use simpliguard::{Context, Error, Progress, ProgressSink, Report, StageStore, Status};
+use simpliguard_cache::{BakeResult, Once, bake_key};
 use thread_priority::ThreadPriority;
 
 use super::baker::{Baker, Order};
@@ -79,10 +79,10 @@ impl Worker {
             match self.work(&mut taken) {
                 Ok(finished) => {
                     self.baker.tell(Event::Exchanged(path));
-                    self.baker.tell(Event::Finished(finished));
+                    self.baker.tell(Event::Finished(taken.job.order.key, finished));
                 }
                 Err(Stop::Superseded) => debug!("{path}: the bake is outdated"),
-                Err(Stop::Failed(error)) => self.baker.fail(&path, error),
+                Err(Stop::Failed(error)) => self.baker.fail(&path, Some(taken.job.order.key), error),
             }
             self.baker.queue.release(taken);
         }
@@ -95,26 +95,25 @@ impl Worker {
 
     /// Looks in the cache once more, bakes if need be, and brings the result where it belongs.
     fn work(&self, taken: &mut Taken) -> Result<BakeFinished, Stop> {
-        let start = Instant::now();
         let path = taken.job.order.path.clone();
         let unreadable = |error| Stop::Failed(format!("{path}: {error}"));
         let files = block_on(SourceFiles::read(&self.processor, &path)).map_err(unreadable)?;
         let key = bake_key(&files.source(), &taken.job.order.settings)?;
-        if key != taken.job.order.key && !self.baker.queue.rekey(taken, key) {
-            return Err(Stop::Superseded);
+        if key != taken.job.order.key {
+            if !self.baker.queue.rekey(taken, key) {
+                return Err(Stop::Superseded);
+            }
+            self.baker.tell(Event::Wished { path: path.clone(), key, cached: false });
         }
         taken.job.missing = files.missing(&path);
-        let (result, duration) = match taken.job.order.cached() {
-            Some(result) => (result, Duration::ZERO),
-            None => (self.bake(&files, taken)?, start.elapsed()),
-        };
+        let (result, duration) = self.find_or_bake(&files, taken)?;
         let BakeResult { combined, report, .. } = result;
         let journal = &self.baker.journal;
         let delivered = journal.scratch().and_then(|scratch| {
             self.baker.queue.deliver(taken, combined.into(), &journal.processed_file(&path), &scratch)
         });
         match delivered {
-            Ok(Delivery::Done) => {}
+            Ok(Delivery::Done) => self.baker.activity.wrote(path.path()),
             Ok(Delivery::Superseded) => return Err(Stop::Superseded),
             Err(error) => return Err(Stop::Failed(format!("{path}: the levels cannot be put in place: {error}"))),
         }
@@ -126,11 +125,25 @@ impl Worker {
         Ok(BakeFinished { path, report, duration })
     }
 
+    /// Nobody bakes what somebody else on this machine bakes already. The duration is that of our own bake.
+    fn find_or_bake(&self, files: &SourceFiles, taken: &Taken) -> Result<(BakeResult, Duration), Stop> {
+        let (order, start) = (&taken.job.order, Instant::now());
+        let bake = || self.bake(files, taken);
+        let Some(cache) = &order.cache else { return Ok((bake()?, start.elapsed())) };
+        let waits = || debug!("{}: somebody else bakes it", order.path);
+        match cache.once(&order.key, &taken.cancellation, waits, || order.cached(), bake)? {
+            Once::Found(result) => Ok((result, Duration::ZERO)),
+            Once::Made(result) => Ok((result, start.elapsed())),
+            Once::Cancelled => Err(Stop::Superseded),
+        }
+    }
+
     fn bake(&self, files: &SourceFiles, taken: &Taken) -> Result<BakeResult, Stop> {
         let order = &taken.job.order;
-        self.baker.tell(Event::Started(BakeStarted { path: order.path.clone() }));
-        let progress = Sink { baker: &self.baker, path: &order.path };
-        let context = Context { cancellation: taken.cancellation.clone(), progress: Some(&progress) };
+        self.baker.tell(Event::Started(order.key, BakeStarted { path: order.path.clone() }));
+        let progress = Sink { baker: &self.baker, order };
+        let stages = order.cache.as_deref().map(|cache| cache as &dyn StageStore);
+        let context = Context { cancellation: taken.cancellation.clone(), progress: Some(&progress), stages };
         let source = files.source();
         let result = self.pool.install(|| BakeResult::compute(&source, &order.settings, &context, None))?;
         keep(order, &result);
@@ -149,12 +162,13 @@ fn keep(order: &Order, result: &BakeResult) {
 
 struct Sink<'a> {
     baker: &'a Baker,
-    path: &'a AssetPath<'static>,
+    order: &'a Order,
 }
 
 impl ProgressSink for Sink<'_> {
     fn report(&self, Progress { stage, fraction, .. }: Progress) {
-        self.baker.tell(Event::Progress(BakeProgress { path: self.path.clone(), stage, fraction }));
+        let message = BakeProgress { path: self.order.path.clone(), stage, fraction };
+        self.baker.tell(Event::Progress(self.order.key, message));
     }
 }
 

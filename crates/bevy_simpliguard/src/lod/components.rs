@@ -22,11 +22,14 @@ pub struct LodSettings {
     pub bias: f32,
     /// Whether levels are used at all; if not, every instance shows its source.
     pub enabled: bool,
+    /// The level that every instance shows at any distance, numbered as in [`SimpliguardLods::force`], which it overrides.
+    /// `None` leaves it to the instance.
+    pub force: Option<u32>,
 }
 
 impl Default for LodSettings {
     fn default() -> Self {
-        Self { pixel_error: 1.0, fade: 0.1, bias: 1.0, enabled: true }
+        Self { pixel_error: 1.0, fade: 0.1, bias: 1.0, enabled: true, force: None }
     }
 }
 

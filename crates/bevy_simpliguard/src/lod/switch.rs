@@ -132,7 +132,7 @@ fn wanted(
     if !settings.enabled || !enabled || state.is_source_cut {
         return Choice::only(0);
     }
-    if let Some(number) = force {
+    if let Some(number) = settings.force.or(force) {
         return Choice::only(forced(&group.levels, number));
     }
     let current = state.choice.unwrap_or(Choice::only(0));

@@ -290,9 +290,9 @@ settings! {
     /// Whether a level gets a normal map with the source's detail.
     normal_map: bool = always(true), Limit::None, [Texture];
     /// Number of views that textures are made from and refined against.
-    views: u32 = by_quality(32, 48, 80), Limit::Between(8.0, 256.0), [Texture, Refine];
+    views: u32 = by_quality(32, 48, 80), Limit::Between(8.0, 256.0), [Shape, Texture, Refine];
     /// Side of each square view, in pixels.
-    view_size: u32 = always(512), Limit::Between(128.0, 2048.0), [Texture, Refine];
+    view_size: u32 = always(512), Limit::Between(128.0, 2048.0), [Shape, Texture, Refine];
     /// Number of optimisation steps by differentiable rendering; 0 leaves the vertices where they are.
     refine_steps: u32 = by_quality(0, 120, 300), Limit::Between(0.0, 2000.0), [Refine];
     /// How strongly neighbouring texels are pulled together where the views say little.

@@ -24,7 +24,7 @@ pub use fields::{
 };
 pub use importance::Importance;
 pub use meta::parse_meta;
-pub use project::{BakeMode, ProjectFile, ProjectSettings, Rule};
+pub use project::{BakeMode, CacheSettings, ProjectFile, ProjectSettings, Rule, parse_cache_size};
 pub use resolve::{Effective, Layer, Origin, Resolved, resolve};
 pub use target::Target;
 pub use text::parse_overrides;

@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 use std::num::NonZeroU32;
 
+use bytesize::ByteSize;
 use globset::{GlobBuilder, GlobMatcher};
 use serde::Deserialize;
 use serde::de::{Deserializer, Error as _};
@@ -18,7 +19,7 @@ use crate::Error;
 ///     defaults: (texture_size: 2048),
 ///     rules: [(glob: "props/**", settings: (faces: [250, 500]))],
 ///     profiles: {"vr": (quality: Best)},
-///     cache: (dir: "../shared-cache"),
+///     cache: (dir: "../cache", max_size: "5 GiB"),
 ///     plugin: (mode: Progressive, threads: 2),
 /// )
 /// ```
@@ -38,12 +39,24 @@ pub struct ProjectFile {
 /// Settings of a project that never change a byte of the output.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct ProjectSettings {
-    /// Folder of the cache, relative to the project's folder.
-    pub cache_dir: Option<String>,
+    /// Where results are kept.
+    pub cache: CacheSettings,
     /// Whether a game waits for bakes.
     pub mode: Option<BakeMode>,
     /// Threads that bake while a game runs.
     pub threads: Option<NonZeroU32>,
+}
+
+/// Where results are kept, and how many.
+#[derive(Clone, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Deserialize)]
+#[serde(default, deny_unknown_fields, rename = "cache")]
+pub struct CacheSettings {
+    /// Folder, relative to the project's folder.
+    #[serde(with = "serde_with::rust::unwrap_or_skip")]
+    pub dir: Option<String>,
+    /// Most bytes that are kept; what was used longest ago goes first.
+    #[serde(deserialize_with = "max_size")]
+    pub max_size: Option<u64>,
 }
 
 /// When a game that bakes its own models sees the levels.
@@ -91,15 +104,26 @@ struct Contents {
     defaults: BakeOverrides,
     rules: Vec<Rule>,
     profiles: BTreeMap<String, BakeOverrides>,
-    cache: CacheContents,
+    cache: CacheSettings,
     plugin: PluginContents,
 }
 
-#[derive(Deserialize, Default)]
-#[serde(default, deny_unknown_fields, rename = "cache")]
-struct CacheContents {
-    #[serde(with = "serde_with::rust::unwrap_or_skip")]
-    dir: Option<String>,
+/// Below it, a unit was forgotten.
+const LEAST_CACHE: ByteSize = ByteSize::mib(1);
+
+/// The size of a cache in bytes, as users write it: a number with its unit, such as `500 MB` or `1.5 GiB`.
+///
+/// # Errors
+/// What was expected.
+pub fn parse_cache_size(text: &str) -> Result<u64, String> {
+    let size = text.parse::<ByteSize>().ok().filter(|size| *size >= LEAST_CACHE);
+    let expected = || format!("expected at least {LEAST_CACHE}, with a unit, such as 500 MB or 1.5 GiB");
+    size.map(|size| size.as_u64()).ok_or_else(expected)
+}
+
+fn max_size<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<u64>, D::Error> {
+    let text = String::deserialize(deserializer)?;
+    parse_cache_size(&text).map(Some).map_err(|expected| D::Error::custom(format!("max_size: {expected}")))
 }
 
 #[derive(Deserialize, Default)]
@@ -118,7 +142,8 @@ impl ProjectFile {
     /// Reads a project file. `file` is for messages and origins.
     pub fn parse(text: &str, file: &str) -> Result<Self, Error> {
         let Contents { defaults, rules, profiles, cache, plugin } = parse(text, file)?;
-        let project = ProjectSettings { cache_dir: cache.dir, mode: plugin.mode, threads: plugin.threads };
+        let PluginContents { mode, threads } = plugin;
+        let project = ProjectSettings { cache, mode, threads };
         Ok(Self { file: file.to_owned(), defaults, rules, profiles, project })
     }
 
@@ -162,7 +187,7 @@ mod tests {
             (glob: "props/*.glb", settings: (gutter: 3)),
         ],
         profiles: {"vr": (quality: Best)},
-        cache: (dir: "../cache"),
+        cache: (dir: "../cache", max_size: "1.5 GiB"),
         plugin: (mode: Blocking, threads: 3),
     )"#;
 
@@ -179,7 +204,8 @@ mod tests {
             deep.origin("faces").map(ToString::to_string).as_deref(),
             Some("config/simpliguard.ron, rule \"props/**\"")
         );
-        assert_eq!(file.project.cache_dir.as_deref(), Some("../cache"));
+        assert_eq!(file.project.cache.dir.as_deref(), Some("../cache"));
+        assert_eq!(file.project.cache.max_size, Some(3 << 29));
         assert_eq!((file.project.mode, file.project.threads), (Some(BakeMode::Blocking), NonZeroU32::new(3)));
     }
 
@@ -200,6 +226,10 @@ mod tests {
         assert_eq!(
             message("(rules: [\n(glob: \"*\", settings: (fces: [1]))])"),
             "settings: p.ron:2:24: unknown field 'fces'; did you mean 'faces'?"
+        );
+        assert_eq!(
+            message("(cache: (\n max_size: \"5\"))"),
+            "settings: p.ron:2:16: max_size: expected at least 1.0 MiB, with a unit, such as 500 MB or 1.5 GiB"
         );
         assert!(message("(rules: [\n(glob: \"[\", settings: ())])").starts_with("settings: p.ron:2:"));
     }

@@ -40,6 +40,11 @@ impl Importance {
         Ok(weights.iter().any(|w| *w != 1.0).then_some(Self(weights)))
     }
 
+    /// By triangle of the source.
+    pub(crate) fn weights(&self) -> &[f32] {
+        &self.0
+    }
+
     /// The weight of each face of a mesh near the source: that of the triangle of `bvh`, over the source, nearest to its
     /// middle.
     pub(super) fn of_faces(&self, mesh: &TriMesh, bvh: &Bvh) -> Vec<f64> {

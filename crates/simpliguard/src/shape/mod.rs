@@ -24,6 +24,7 @@ use rayon::prelude::*;
 
 use crate::mesh::{TriMesh, self_intersecting};
 use crate::model::Model;
+use crate::objects::{form_key, road_key};
 use crate::reconstruct;
 use crate::render::{Frame, Motions, View};
 use crate::rig::{self, Donor, Poses, Transfer};
@@ -249,9 +250,13 @@ fn walk_all(
     contests: &mut [Contest],
     context: &Context<'_>,
 ) -> Result<(), Error> {
-    let walked: Vec<Vec<Shape>> = roads.par_iter().map(|&road| walk(inputs, params, road, context)).collect();
-    context.check(&inputs.model.name)?;
-    for shapes in walked {
+    let form = context.key(|| form_key(inputs));
+    let walk = |&road| {
+        let key = form.map(|form| road_key(&form, params, road));
+        context.stored(key, || walk(inputs, params, road, context))
+    };
+    let walked: Result<Vec<Vec<Shape>>, Error> = roads.par_iter().map(walk).collect();
+    for shapes in walked? {
         for (i, mut shape) in shapes.into_iter().enumerate() {
             let (contest, budget) = (i % contests.len(), params.budgets[i % contests.len()]);
             let faces = shape.mesh.triangles.len();
@@ -267,14 +272,13 @@ fn walk_all(
     Ok(())
 }
 
-/// Shapes for each budget along a road, in their order, once or more; empty if cancelled.
-fn walk(inputs: &Inputs<'_>, params: &Params, road: Road, context: &Context<'_>) -> Vec<Shape> {
+/// Shapes for each budget along a road, in their order, once or more. Reads no texture.
+fn walk(inputs: &Inputs<'_>, params: &Params, road: Road, context: &Context<'_>) -> Result<Vec<Shape>, Error> {
     let Dense { mesh, pixels, double_sided } = dense(inputs, params, road);
-    if context.cancellation.is_cancelled() {
-        return Vec::new();
-    }
+    context.check(&inputs.model.name)?;
     let shapes = collapse_dense(inputs, params, road, &mesh, &pixels, double_sided);
-    if context.cancellation.is_cancelled() { Vec::new() } else { shapes }
+    context.check(&inputs.model.name)?;
+    Ok(shapes)
 }
 
 /// Collapses a mesh to each budget; some roads offer several shapes, the second for each behind the first for all.

@@ -5,7 +5,7 @@ use std::path::Path;
 
 use crate::folder::{Folder, sphere, triangle};
 
-const QUICK: [&str; 10] = [
+pub(crate) const QUICK: [&str; 10] = [
     "--quality",
     "draft",
     "--set",
@@ -18,7 +18,7 @@ const QUICK: [&str; 10] = [
     "candidates=source",
 ];
 
-fn quick(folder: &Folder, args: &[&str]) -> crate::folder::Run {
+pub(crate) fn quick(folder: &Folder, args: &[&str]) -> crate::folder::Run {
     folder.bake(&[args, &QUICK].concat())
 }
 

@@ -1,5 +1,7 @@
 //! The command as its users run it.
 
 mod bake;
+mod cache;
 mod folder;
+mod together;
 mod usage;

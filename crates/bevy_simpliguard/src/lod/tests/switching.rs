@@ -149,6 +149,23 @@ fn a_forced_level_is_shown_at_any_distance() {
 }
 
 #[test]
+fn a_level_forced_everywhere_overrides_those_of_instances() {
+    let (mut app, root, camera) = at(1.0);
+    app.lods(root).force = Some(2);
+    app.world().resource_mut::<LodSettings>().force = Some(1);
+    app.app.update();
+    assert_eq!(app.levels_in_range(camera), [LOD1]);
+    // Opting out is the instance's own.
+    app.lods(root).enabled = false;
+    app.app.update();
+    assert_eq!(app.levels_in_range(camera), [SOURCE]);
+    app.lods(root).enabled = true;
+    app.world().resource_mut::<LodSettings>().force = None;
+    app.app.update();
+    assert_eq!(app.levels_in_range(camera), [LOD2]);
+}
+
+#[test]
 fn biases_multiply_the_distances() {
     let (mut app, root, camera) = at(150.0);
     app.lods(root).bias = 2.0;

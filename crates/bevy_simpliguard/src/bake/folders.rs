@@ -1,0 +1,224 @@
+//! The default asset source: the files that `AssetPlugin` names, with the plugin between them and the processor.
+//!
+//! A source has to be registered before `AssetPlugin` is built, and only then is known where its files are. So its parts
+//! wait for [`Folders::open`].
+
+use std::path::Path;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+
+use async_lock::OnceCell;
+use bevy::asset::io::file::{FileAssetReader, FileAssetWriter};
+use bevy::asset::io::{
+    AssetReader, AssetReaderError, AssetSource, AssetSourceBuilder, AssetSourceEvent, AssetWatcher, AssetWriter,
+    AssetWriterError, ErasedAssetWriter, PathStream, Reader, Writer,
+};
+use bevy::prelude::*;
+
+use super::activity::Activity;
+use super::watch;
+
+/// Time without a change to a file before the change is told.
+const DEBOUNCE: Duration = Duration::from_millis(100);
+
+/// Set when the folders are known.
+type Late<T> = Arc<OnceCell<T>>;
+
+/// The parts of the source that wait.
+#[derive(Resource, Default)]
+pub(super) struct Folders {
+    source: Late<FileAssetReader>,
+    source_writer: Late<FileAssetWriter>,
+    processed: Late<FileAssetReader>,
+    processed_writer: Late<FileAssetWriter>,
+    source_watch: Hook,
+    processed_watch: Hook,
+    activity: Arc<Activity>,
+}
+
+/// How a game uses its folders.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Use {
+    /// It processes the source.
+    Process,
+    /// It reads what another game processes.
+    ReadProcessed,
+    /// It has no processor: whatever else the game has set.
+    Plain,
+}
+
+impl Folders {
+    /// What is known of the processed files.
+    pub(super) fn activity(&self) -> &Arc<Activity> {
+        &self.activity
+    }
+
+    /// The source. Without `process` its processed side cannot be written: Bevy's processor leaves the source alone, and
+    /// the game reads what is there.
+    pub(super) fn source(&self, process: bool) -> AssetSourceBuilder {
+        let source = LateReader { files: self.source.clone(), reads: None };
+        let processed = LateReader { files: self.processed.clone(), reads: Some(self.activity.clone()) };
+        let source_writer = LateWriter { files: self.source_writer.clone(), writes: None };
+        let processed_writer = LateWriter { files: self.processed_writer.clone(), writes: Some(self.activity.clone()) };
+        let (source_watch, processed_watch) = (self.source_watch.clone(), self.processed_watch.clone());
+        AssetSourceBuilder::new(move || Box::new(source.clone()))
+            .with_writer(move |_| Some(Box::new(source_writer.clone())))
+            .with_watcher(move |sender| Some(source_watch.attach(sender)))
+            .with_processed_reader(move || Box::new(processed.clone()))
+            .with_processed_writer(move |_| {
+                process.then(|| Box::new(processed_writer.clone()) as Box<dyn ErasedAssetWriter>)
+            })
+            .with_processed_watcher(move |sender| Some(processed_watch.attach(sender)))
+    }
+
+    /// Now it is known where the files are, relative to the base of all asset folders.
+    pub(super) fn open(&self, source: &str, processed: &str, usage: Use) {
+        // What is to be watched has to be there.
+        let _ = self.source.set_blocking(FileAssetReader::new(source));
+        let _ = self.source_writer.set_blocking(FileAssetWriter::new(source, false));
+        let _ = self.processed.set_blocking(FileAssetReader::new(processed));
+        let _ = self.processed_writer.set_blocking(FileAssetWriter::new(processed, usage == Use::Process));
+        if usage == Use::Process {
+            let activity = self.activity.clone();
+            self.source_watch.start(source, |changes, out| watch::tell_when_calm(source, changes, out, activity));
+            let activity = self.activity.clone();
+            self.processed_watch.start(processed, |changes, out| watch::tell_news(processed, changes, out, activity));
+        } else {
+            self.processed_watch.start_plain(processed);
+        }
+        if usage == Use::Plain {
+            self.source_watch.start_plain(source);
+        }
+    }
+}
+
+type Sender = async_channel::Sender<AssetSourceEvent>;
+type Receiver = async_channel::Receiver<AssetSourceEvent>;
+
+/// Both ends of a watcher that is to come: who listens, and who keeps it.
+#[derive(Clone, Default)]
+struct Hook {
+    listener: Arc<Mutex<Option<Sender>>>,
+    watcher: Arc<Mutex<Option<Box<dyn AssetWatcher>>>>,
+}
+
+impl Hook {
+    /// The source listens. It keeps the watcher, and drops it.
+    fn attach(&self, listener: Sender) -> Box<dyn AssetWatcher> {
+        *locked(&self.listener) = Some(listener);
+        Box::new(self.clone())
+    }
+
+    /// Watches a folder if anybody listens; `between` passes on what is seen.
+    fn start(&self, folder: &str, between: impl FnOnce(Receiver, Sender)) {
+        let Some(listener) = locked(&self.listener).take() else { return };
+        let (sender, changes) = async_channel::unbounded();
+        *locked(&self.watcher) = AssetSource::get_default_watcher(folder.to_owned(), DEBOUNCE)(sender);
+        between(changes, listener);
+    }
+
+    fn start_plain(&self, folder: &str) {
+        let Some(listener) = locked(&self.listener).take() else { return };
+        *locked(&self.watcher) = AssetSource::get_default_watcher(folder.to_owned(), DEBOUNCE)(listener);
+    }
+}
+
+impl AssetWatcher for Hook {}
+
+fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+#[derive(Clone)]
+struct LateReader {
+    files: Late<FileAssetReader>,
+    /// Told of every file that is read.
+    reads: Option<Arc<Activity>>,
+}
+
+impl AssetReader for LateReader {
+    async fn read<'a>(&'a self, path: &'a Path) -> Result<impl Reader + 'a, AssetReaderError> {
+        let files = self.files.wait().await;
+        if let Some(reads) = &self.reads {
+            reads.read(path, &files.root_path().join(path));
+        }
+        AssetReader::read(files, path).await
+    }
+
+    async fn read_meta<'a>(&'a self, path: &'a Path) -> Result<impl Reader + 'a, AssetReaderError> {
+        AssetReader::read_meta(self.files.wait().await, path).await
+    }
+
+    async fn read_directory<'a>(&'a self, path: &'a Path) -> Result<Box<PathStream>, AssetReaderError> {
+        AssetReader::read_directory(self.files.wait().await, path).await
+    }
+
+    async fn is_directory<'a>(&'a self, path: &'a Path) -> Result<bool, AssetReaderError> {
+        AssetReader::is_directory(self.files.wait().await, path).await
+    }
+}
+
+#[derive(Clone)]
+struct LateWriter {
+    files: Late<FileAssetWriter>,
+    /// Told of every file that is written.
+    writes: Option<Arc<Activity>>,
+}
+
+impl LateWriter {
+    fn note(&self, path: &Path) {
+        if let Some(writes) = &self.writes {
+            writes.wrote(path);
+        }
+    }
+}
+
+impl AssetWriter for LateWriter {
+    async fn write<'a>(&'a self, path: &'a Path) -> Result<Box<Writer>, AssetWriterError> {
+        self.note(path);
+        AssetWriter::write(self.files.wait().await, path).await
+    }
+
+    async fn write_meta<'a>(&'a self, path: &'a Path) -> Result<Box<Writer>, AssetWriterError> {
+        self.note(path);
+        AssetWriter::write_meta(self.files.wait().await, path).await
+    }
+
+    async fn remove<'a>(&'a self, path: &'a Path) -> Result<(), AssetWriterError> {
+        self.note(path);
+        AssetWriter::remove(self.files.wait().await, path).await
+    }
+
+    async fn remove_meta<'a>(&'a self, path: &'a Path) -> Result<(), AssetWriterError> {
+        self.note(path);
+        AssetWriter::remove_meta(self.files.wait().await, path).await
+    }
+
+    async fn rename<'a>(&'a self, old: &'a Path, new: &'a Path) -> Result<(), AssetWriterError> {
+        self.note(old);
+        self.note(new);
+        AssetWriter::rename(self.files.wait().await, old, new).await
+    }
+
+    async fn rename_meta<'a>(&'a self, old: &'a Path, new: &'a Path) -> Result<(), AssetWriterError> {
+        self.note(old);
+        self.note(new);
+        AssetWriter::rename_meta(self.files.wait().await, old, new).await
+    }
+
+    async fn create_directory<'a>(&'a self, path: &'a Path) -> Result<(), AssetWriterError> {
+        AssetWriter::create_directory(self.files.wait().await, path).await
+    }
+
+    async fn remove_directory<'a>(&'a self, path: &'a Path) -> Result<(), AssetWriterError> {
+        AssetWriter::remove_directory(self.files.wait().await, path).await
+    }
+
+    async fn remove_empty_directory<'a>(&'a self, path: &'a Path) -> Result<(), AssetWriterError> {
+        AssetWriter::remove_empty_directory(self.files.wait().await, path).await
+    }
+
+    async fn remove_assets_in_directory<'a>(&'a self, path: &'a Path) -> Result<(), AssetWriterError> {
+        AssetWriter::remove_assets_in_directory(self.files.wait().await, path).await
+    }
+}

@@ -1,0 +1,112 @@
+//! What is known of the bakes of all models.
+
+use std::collections::BTreeMap;
+use std::time::Duration;
+
+use bevy::asset::AssetPath;
+use bevy::prelude::*;
+use simpliguard::StageId;
+use simpliguard_cache::Key;
+
+/// How far the levels of a model are.
+#[derive(Clone, Debug, PartialEq)]
+pub enum BakeStatus {
+    /// The bake waits for a free thread, or for a file that the model refers to and that is not there.
+    Queued,
+    /// The bake runs.
+    Baking {
+        /// The stage at work.
+        stage: StageId,
+        /// Part of the whole bake that is done, 0 to 1.
+        fraction: f32,
+    },
+    /// The model is as its files and settings want it: with levels, or without if it needs none.
+    Done {
+        /// Time the bake took; zero if the cache had the result.
+        duration: Duration,
+    },
+    /// The model has no levels, or keeps those of before.
+    Failed {
+        /// What was found and what to do about it.
+        error: String,
+    },
+}
+
+impl BakeStatus {
+    /// Whether nothing more will happen unless a file changes.
+    pub fn is_settled(&self) -> bool {
+        matches!(self, Self::Done { .. } | Self::Failed { .. })
+    }
+}
+
+/// The status of every model that was processed since the game started, kept up to date in `PreUpdate`. A model whose
+/// files are those of the last start is not processed again and is not in here.
+#[derive(Resource, Debug, Default)]
+pub struct Bakes {
+    models: BTreeMap<String, Bake>,
+}
+
+#[derive(Debug)]
+struct Bake {
+    path: AssetPath<'static>,
+    /// What is to be baked; what is heard of other bakes of the model is outdated.
+    key: Option<Key>,
+    status: BakeStatus,
+}
+
+impl Bakes {
+    /// The status of a model.
+    pub fn get(&self, path: &AssetPath<'_>) -> Option<&BakeStatus> {
+        self.models.get(&path.to_string()).map(|bake| &bake.status)
+    }
+
+    /// All models in the order of their paths.
+    pub fn iter(&self) -> impl Iterator<Item = (&AssetPath<'static>, &BakeStatus)> {
+        self.models.values().map(|bake| (&bake.path, &bake.status))
+    }
+
+    /// Whether no bake runs or waits.
+    pub fn is_settled(&self) -> bool {
+        self.models.values().all(|bake| bake.status.is_settled())
+    }
+
+    /// There is a new wish for a model. `None` is for one that cannot even be wished for.
+    pub(super) fn wish(&mut self, path: &AssetPath<'static>, key: Option<Key>, status: BakeStatus) {
+        self.models.insert(path.to_string(), Bake { path: path.clone(), key, status });
+    }
+
+    /// A bake has something to tell.
+    pub(super) fn advance(&mut self, path: &AssetPath<'static>, key: Key, status: BakeStatus) {
+        if let Some(bake) = self.models.get_mut(&path.to_string()).filter(|bake| bake.key == Some(key)) {
+            bake.status = status;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use simpliguard_cache::KeyBuilder;
+
+    use super::*;
+
+    #[test]
+    fn an_outdated_bake_changes_nothing() {
+        let path = AssetPath::from("a/b.glb");
+        let [old, new] = ["1", "2"].map(|version| KeyBuilder::new(version).finish());
+        let baking = |fraction| BakeStatus::Baking { stage: StageId::Shape, fraction };
+        let mut bakes = Bakes::default();
+        bakes.advance(&path, old, baking(0.1));
+        assert_eq!(bakes.get(&path), None);
+        bakes.wish(&path, Some(old), BakeStatus::Queued);
+        bakes.advance(&path, old, baking(0.2));
+        assert_eq!(bakes.get(&path), Some(&baking(0.2)));
+        assert!(!bakes.is_settled());
+        bakes.wish(&path, Some(new), BakeStatus::Done { duration: Duration::ZERO });
+        bakes.advance(&path, old, baking(0.3));
+        assert!(bakes.is_settled());
+        bakes.wish(&path, None, BakeStatus::Failed { error: "x".into() });
+        bakes.advance(&path, new, baking(0.4));
+        let all: Vec<_> = bakes.iter().map(|(path, status)| (path.to_string(), status.clone())).collect();
+        assert_eq!(all, [("a/b.glb".to_owned(), BakeStatus::Failed { error: "x".into() })]);
+    }
+}

@@ -1,0 +1,175 @@
+//! Keys of objects: exactly what a stage reads.
+
+use bytemuck::cast_slice;
+
+use crate::chain::stage;
+use crate::mesh::TriMesh;
+use crate::model::{Bone, Document, Influences, Model, Pose, Surface};
+use crate::settings::BakeSettings;
+use crate::shape::{Inputs, Params, Road};
+use crate::unwrap::UnwrapParams;
+use crate::{Key, KeyBuilder, Source, StageId};
+
+/// The content of all files of a source.
+fn content_key(source: &Source<'_>, model: &Model) -> Key {
+    let Document { buffers, images, .. } = &model.document;
+    let key = KeyBuilder::for_stage(stage(StageId::Import)).input(source.bytes);
+    let key = buffers.iter().fold(key, |key, buffer| key.input(buffer));
+    images
+        .iter()
+        .fold(key, |key, image| match image {
+            Some((bytes, _)) => key.input(bytes),
+            None => key.missing_input(),
+        })
+        .finish()
+}
+
+/// The shapes of a bake and their deviations.
+pub(crate) fn shapes_key(source: &Source<'_>, model: &Model, settings: &BakeSettings) -> Key {
+    KeyBuilder::for_stage(stage(StageId::Shape))
+        .key(&content_key(source, model))
+        .settings(&settings.canonical(StageId::Reconstruct))
+        .settings(&settings.canonical(StageId::Shape))
+        .finish()
+}
+
+/// The shapes that a road leads to.
+pub(crate) fn road_key(form: &Key, params: &Params, road: Road) -> Key {
+    // Those that choose between roads make no difference to one.
+    let Params {
+        budgets,
+        reconstructions: _,
+        finer: _,
+        source: _,
+        cards: _,
+        remove_invisible,
+        visible_weight,
+        curvature,
+    } = params;
+    let settings = format!(
+        "budgets={budgets:?}\ncurvature={curvature:?}\nremove_invisible={remove_invisible}\nroad={road:?}\n\
+         visible_weight={visible_weight:?}\n"
+    );
+    KeyBuilder::for_stage(stage(StageId::Shape)).key(form).settings(settings.as_bytes()).finish()
+}
+
+/// Everything that roads read of a model: its form, how it moves and which of its triangles count, but not its textures.
+pub(crate) fn form_key(inputs: &Inputs<'_>) -> Key {
+    let key = KeyBuilder::for_stage(stage(StageId::Import));
+    let key = with_surface(key, &inputs.model.surface);
+    let double_sided: Vec<u8> = inputs.model.materials.iter().map(|m| u8::from(m.double_sided)).collect();
+    let key = key.input(&double_sided).input(cast_slice(&inputs.solid.source));
+    let key = inputs.importance.iter().fold(key, |key, importance| key.input(cast_slice(importance.weights())));
+    let (Some(poses), Some(rig)) = (inputs.poses, &inputs.model.rig) else { return key.finish() };
+    let bone = |Bone { node: _, inverse_bind, rest_world }: &Bone| [*inverse_bind, *rest_world];
+    let bones: Vec<_> = rig.bones.iter().map(bone).collect();
+    let key = key.input(cast_slice(bones.as_flattened()));
+    let key = rig.poses.iter().fold(key, |key, Pose { frame: _, world }| key.input(cast_slice(world)));
+    // The choice of poses follows from their number.
+    key.settings(format!("poses={}\n", poses.count()).as_bytes()).finish()
+}
+
+fn with_surface(key: KeyBuilder, surface: &Surface) -> KeyBuilder {
+    // What is painted counts by the importances that follow from it.
+    let Surface { positions, normals, tangents, uvs, colors, painted: _, influences, triangles, material } = surface;
+    let bytes = |Influences { joints, weights }: &Influences| {
+        let mut bytes = [0u8; 24];
+        bytes[..8].copy_from_slice(cast_slice(joints));
+        bytes[8..].copy_from_slice(cast_slice(weights));
+        bytes
+    };
+    let influences: Vec<[u8; 24]> = influences.iter().map(bytes).collect();
+    key.input(cast_slice(positions))
+        .input(cast_slice(normals))
+        .input(cast_slice(tangents))
+        .input(cast_slice(&uvs[0]))
+        .input(cast_slice(&uvs[1]))
+        .input(cast_slice(colors))
+        .input(influences.as_flattened())
+        .input(cast_slice(triangles))
+        .input(cast_slice(material))
+}
+
+/// The atlas of a mesh.
+pub(crate) fn atlas_key(mesh: &TriMesh, params: &UnwrapParams) -> Key {
+    let UnwrapParams { size, gutter } = params;
+    KeyBuilder::for_stage(stage(StageId::Unwrap))
+        .input(cast_slice(&mesh.positions))
+        .input(cast_slice(&mesh.triangles))
+        .settings(format!("gutter={gutter}\nsize={size}\n").as_bytes())
+        .finish()
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::Vec3;
+
+    use super::*;
+    use crate::PIPELINE_VERSION;
+
+    fn params() -> Params {
+        Params {
+            budgets: vec![1000, 2000],
+            reconstructions: Vec::new(),
+            finer: None,
+            source: true,
+            cards: true,
+            remove_invisible: true,
+            visible_weight: 0.9,
+            curvature: 0.0,
+        }
+    }
+
+    #[test]
+    fn every_setting_of_a_road_counts() {
+        let form = KeyBuilder::new("1").finish();
+        let keys = [
+            road_key(&form, &params(), Road::Source),
+            road_key(&form, &params(), Road::Cards),
+            road_key(&KeyBuilder::new("2").finish(), &params(), Road::Source),
+            road_key(&form, &Params { budgets: vec![1000], ..params() }, Road::Source),
+            road_key(&form, &Params { remove_invisible: false, ..params() }, Road::Source),
+            road_key(&form, &Params { visible_weight: 0.8, ..params() }, Road::Source),
+            road_key(&form, &Params { curvature: 0.5, ..params() }, Road::Source),
+        ];
+        for (i, a) in keys.iter().enumerate() {
+            assert!(keys[..i].iter().all(|b| a != b), "key {i} is not new");
+        }
+        assert_eq!(keys[0], road_key(&form, &Params { source: false, ..params() }, Road::Source));
+    }
+
+    #[test]
+    fn later_settings_are_in_no_key_of_shapes() {
+        let model = Model::empty("a");
+        let source = Source { name: "a", bytes: b"glTF", resources: &crate::NoResources };
+        let key = |settings: &BakeSettings| shapes_key(&source, &model, settings);
+        let base = BakeSettings::default();
+        for later in [
+            BakeSettings { texture_size: 64, ..base.clone() },
+            BakeSettings { gutter: 2, ..base.clone() },
+            BakeSettings { normal_map: false, ..base.clone() },
+            BakeSettings { refine_steps: 1, ..base.clone() },
+        ] {
+            assert_eq!(key(&later), key(&base), "{later:?}");
+        }
+        for own in [
+            BakeSettings { faces: vec![9], ..base.clone() },
+            BakeSettings { views: 8, ..base.clone() },
+            BakeSettings { watertight: true, ..base.clone() },
+        ] {
+            assert_ne!(key(&own), key(&base), "{own:?}");
+        }
+    }
+
+    /// Fails when the encoding changes, or when a version is raised: then these become the new ones.
+    #[test]
+    fn the_encoding_is_stable() {
+        let mesh = TriMesh { positions: vec![Vec3::X, Vec3::Y, Vec3::Z], triangles: vec![[0, 1, 2]] };
+        let road = Road::Reconstruction(crate::reconstruct::Params::new(128));
+        let keys = [
+            road_key(&KeyBuilder::new("1").finish(), &params(), road),
+            atlas_key(&mesh, &UnwrapParams { size: 512, gutter: 4 }),
+        ];
+        assert_eq!((PIPELINE_VERSION, keys.map(|key| key.hex()[..16].to_owned())), ("2", ["", ""].map(str::to_owned)));
+    }
+}

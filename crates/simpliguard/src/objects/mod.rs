@@ -1,0 +1,61 @@
+//! What stages leave behind for later bakes: keys and encoding.
+//!
+//! Three kinds of objects pay for their space, because they cost much, are small, and most changes leave them as they
+//! are:
+//!
+//! - what a road leads to, which depends on the form of the model alone: a saved texture finds it again;
+//! - the shapes that win, which depend on what the model looks like, too: a setting of a later stage finds them again;
+//! - the atlas of a mesh.
+//!
+//! An object's key holds the version of the chain and of its stage, the content that the stage reads, and the settings
+//! that it reads. Objects are in the machine's own byte order: they stay on the machine that made them.
+
+mod codec;
+mod keys;
+
+use codec::{Reader, Writer};
+
+pub(crate) use keys::{atlas_key, form_key, road_key, shapes_key};
+
+use crate::{Context, Error, Key};
+
+/// Something that a [`crate::StageStore`] can keep.
+pub(crate) trait Object: Sized {
+    fn write(&self, writer: &mut Writer);
+    /// `None` if these are not the bytes of such an object.
+    fn read(reader: &mut Reader<'_>) -> Option<Self>;
+}
+
+impl Context<'_> {
+    /// A key, if there is something to keep objects in.
+    pub(crate) fn key(&self, key: impl FnOnce() -> Key) -> Option<Key> {
+        self.stages.map(|_| key())
+    }
+
+    /// The object of a key of [`Self::key`]: one that was stored, or else what `make` makes, which is stored.
+    pub(crate) fn stored<T: Object>(
+        &self,
+        key: Option<Key>,
+        make: impl FnOnce() -> Result<T, Error>,
+    ) -> Result<T, Error> {
+        let Some((stages, key)) = self.stages.zip(key) else { return make() };
+        if let Some(object) = stages.get(&key).and_then(|bytes| decode(&bytes)) {
+            return Ok(object);
+        }
+        let made = make()?;
+        stages.put(&key, &encode(&made));
+        Ok(made)
+    }
+}
+
+fn encode<T: Object>(object: &T) -> Vec<u8> {
+    let mut writer = Writer::default();
+    object.write(&mut writer);
+    writer.finish()
+}
+
+fn decode<T: Object>(bytes: &[u8]) -> Option<T> {
+    let mut reader = Reader::new(bytes);
+    let object = T::read(&mut reader)?;
+    reader.is_at_end().then_some(object)
+}

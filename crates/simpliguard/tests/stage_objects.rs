@@ -1,0 +1,192 @@
+//! Bakes that find what earlier ones have left behind: equal to cold ones, and without the stages that did not change.
+
+use std::collections::HashMap;
+use std::io::Cursor;
+use std::sync::Mutex;
+
+use bytes::Bytes;
+use image::{ImageFormat, Rgb, RgbImage};
+use simpliguard::settings::{BakeSettings, Quality, Resolution};
+use simpliguard::{Baked, Context, Key, RelativeUri, Resources, Source, StageStore, bake};
+
+/// Objects by their keys, and what was asked of them.
+#[derive(Default)]
+struct Store {
+    objects: Mutex<HashMap<Key, Bytes>>,
+    counts: Mutex<Counts>,
+}
+
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+struct Counts {
+    found: usize,
+    stored: usize,
+}
+
+impl Store {
+    /// Since the last call.
+    fn counts(&self) -> Counts {
+        std::mem::take(&mut self.counts.lock().expect("not poisoned"))
+    }
+}
+
+impl StageStore for Store {
+    fn get(&self, key: &Key) -> Option<Bytes> {
+        let found = self.objects.lock().expect("not poisoned").get(key).cloned();
+        self.counts.lock().expect("not poisoned").found += usize::from(found.is_some());
+        found
+    }
+
+    fn put(&self, key: &Key, bytes: &[u8]) {
+        self.objects.lock().expect("not poisoned").insert(*key, Bytes::copy_from_slice(bytes));
+        self.counts.lock().expect("not poisoned").stored += 1;
+    }
+}
+
+/// A bumpy ball in three files.
+struct Ball {
+    gltf: Vec<u8>,
+    bin: Bytes,
+    png: Bytes,
+}
+
+const RINGS: u32 = 24;
+
+impl Ball {
+    /// Its texture has stripes of a colour.
+    fn new(stripes: [u8; 3]) -> Self {
+        let vertices = (0..=RINGS).flat_map(|i| (0..=RINGS).map(move |j| (i, j)));
+        let (mut positions, mut uvs) = (Vec::new(), Vec::new());
+        for (i, j) in vertices {
+            let [v, u] = [i, j].map(|n| n as f32 / RINGS as f32);
+            let (theta, phi) = (v * std::f32::consts::PI, u * std::f32::consts::TAU);
+            let radius = 1.0 + 0.1 * (5.0 * theta).sin() * (4.0 * phi).cos();
+            positions.extend([theta.sin() * phi.cos(), theta.cos(), theta.sin() * phi.sin()].map(|x| radius * x));
+            uvs.extend([u, v]);
+        }
+        let corner = |i: u32, j: u32| i * (RINGS + 1) + j;
+        let cells = (0..RINGS).flat_map(|i| (0..RINGS).map(move |j| (i, j)));
+        let indices: Vec<u32> = cells
+            .flat_map(|(i, j)| {
+                let [a, b, c, d] = [corner(i, j), corner(i, j + 1), corner(i + 1, j), corner(i + 1, j + 1)];
+                [a, b, c, b, d, c]
+            })
+            .collect();
+        let count = positions.len() / 3;
+        let bin =
+            [bytemuck::cast_slice::<f32, u8>(&positions), bytemuck::cast_slice(&uvs), bytemuck::cast_slice(&indices)];
+        let [a, b, c] = bin.map(<[u8]>::len);
+        let gltf = serde_json::json!({
+            "asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [0]}], "nodes": [{"mesh": 0}],
+            "meshes": [{"primitives": [{"attributes": {"POSITION": 0, "TEXCOORD_0": 1}, "indices": 2, "material": 0}]}],
+            "materials": [{"pbrMetallicRoughness": {"baseColorTexture": {"index": 0}, "metallicFactor": 0}}],
+            "textures": [{"source": 0}], "images": [{"uri": "stripes.png"}],
+            "buffers": [{"uri": "ball.bin", "byteLength": a + b + c}],
+            "bufferViews": [
+                {"buffer": 0, "byteLength": a}, {"buffer": 0, "byteOffset": a, "byteLength": b},
+                {"buffer": 0, "byteOffset": a + b, "byteLength": c},
+            ],
+            "accessors": [
+                {"bufferView": 0, "componentType": 5126, "type": "VEC3", "count": count,
+                 "min": [-2, -2, -2], "max": [2, 2, 2]},
+                {"bufferView": 1, "componentType": 5126, "type": "VEC2", "count": count},
+                {"bufferView": 2, "componentType": 5125, "type": "SCALAR", "count": indices.len()},
+            ],
+        });
+        let texel = |x: u32, _| if x / 8 % 2 == 0 { Rgb(stripes) } else { Rgb([200, 200, 200]) };
+        let mut png = Cursor::new(Vec::new());
+        RgbImage::from_fn(64, 64, texel).write_to(&mut png, ImageFormat::Png).expect("a PNG");
+        let gltf = serde_json::to_vec(&gltf).expect("JSON");
+        Self { gltf, bin: bin.concat().into(), png: png.into_inner().into() }
+    }
+
+    fn bake(&self, settings: &BakeSettings, stages: Option<&dyn StageStore>) -> Baked {
+        let source = Source { name: "ball.gltf", bytes: &self.gltf, resources: self };
+        bake(&source, settings, &Context { stages, ..Context::default() }).expect("bakes")
+    }
+}
+
+impl Resources for Ball {
+    fn read(&self, uri: &RelativeUri) -> Result<Bytes, String> {
+        match uri.as_str() {
+            "ball.bin" => Ok(self.bin.clone()),
+            "stripes.png" => Ok(self.png.clone()),
+            _ => Err("there is no such file".into()),
+        }
+    }
+}
+
+/// Two roads and two levels.
+fn settings() -> BakeSettings {
+    BakeSettings {
+        faces: vec![100, 200],
+        texture_size: 128,
+        views: 8,
+        view_size: 128,
+        refine_steps: 4,
+        resolution: Resolution::Cells(32),
+        ..BakeSettings::preset(Quality::Draft)
+    }
+}
+
+/// Bakes with a store and without: both must be equal.
+fn assert_as_cold(ball: &Ball, settings: &BakeSettings, store: &Store) -> Counts {
+    store.counts();
+    let (warm, cold) = (ball.bake(settings, Some(store)), ball.bake(settings, None));
+    assert!(warm.glb == cold.glb, "a stored object changed the result");
+    assert_eq!(warm.report.levels, cold.report.levels);
+    store.counts()
+}
+
+#[test]
+fn later_stages_find_the_shapes_again() {
+    let (ball, store) = (Ball::new([200, 0, 0]), Store::default());
+    // Two roads, the shapes they lead to, and two atlases.
+    assert_eq!(assert_as_cold(&ball, &settings(), &store), Counts { found: 0, stored: 5 });
+    assert_eq!(assert_as_cold(&ball, &settings(), &store), Counts { found: 3, stored: 0 });
+    for changed in [
+        BakeSettings { normal_map: false, ..settings() },
+        BakeSettings { refine_steps: 8, ..settings() },
+        BakeSettings { texture_smoothness: 1.0, ..settings() },
+    ] {
+        assert_eq!(assert_as_cold(&ball, &changed, &store), Counts { found: 3, stored: 0 }, "{changed:?}");
+    }
+    // What lies on the atlas needs new ones.
+    for changed in [BakeSettings { texture_size: 256, ..settings() }, BakeSettings { gutter: 2, ..settings() }] {
+        assert_eq!(assert_as_cold(&ball, &changed, &store), Counts { found: 1, stored: 2 }, "{changed:?}");
+    }
+}
+
+#[test]
+fn a_saved_texture_finds_the_roads_again() {
+    let store = Store::default();
+    Ball::new([200, 0, 0]).bake(&settings(), Some(&store));
+    let counts = assert_as_cold(&Ball::new([0, 200, 0]), &settings(), &store);
+    // What wins is judged anew; what is stored is that, and an atlas for each that did not win before.
+    assert!(counts.found >= 2 && counts.found + counts.stored == 5 && counts.stored <= 3, "{counts:?}");
+}
+
+#[test]
+fn a_change_of_form_finds_nothing() {
+    let store = Store::default();
+    let mut ball = Ball::new([200, 0, 0]);
+    ball.bake(&settings(), Some(&store));
+    let mut bin = ball.bin.to_vec();
+    // The y of a vertex at the equator.
+    let at = 12 * (12 * (RINGS as usize + 1) + 3) + 4;
+    bin[at..at + 4].copy_from_slice(&0.5f32.to_le_bytes());
+    ball.bin = bin.into();
+    assert_eq!(assert_as_cold(&ball, &settings(), &store), Counts { found: 0, stored: 5 });
+    // Nor does a setting that all roads read.
+    let changed = BakeSettings { visible_weight: 0.5, ..settings() };
+    assert_eq!(assert_as_cold(&ball, &changed, &store).found, 0);
+}
+
+#[test]
+fn what_is_no_object_is_made_again() {
+    let (ball, store) = (Ball::new([200, 0, 0]), Store::default());
+    ball.bake(&settings(), Some(&store));
+    for object in store.objects.lock().expect("not poisoned").values_mut() {
+        *object = object.slice(..object.len() / 2);
+    }
+    assert_as_cold(&ball, &settings(), &store);
+}

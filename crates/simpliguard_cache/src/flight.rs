@@ -1,0 +1,199 @@
+//! One bake per key at a time, over threads and processes.
+//!
+//! Who bakes a key holds the operating system's lock on a file that is named by it. The lock ends with its owner,
+//! however that ends, and the next in line takes over. Where files cannot be made or locked, everybody bakes: results
+//! are equal, and the work alone is done twice.
+
+use std::fs::{self, File, OpenOptions, TryLockError};
+use std::io;
+use std::path::{Path, PathBuf};
+use std::thread;
+use std::time::Duration;
+
+use simpliguard::Cancellation;
+
+use crate::{Cache, Key};
+
+/// Time between two tries to get a lock, which doubles from the first to the second.
+const PAUSES: [Duration; 2] = [Duration::from_millis(10), Duration::from_millis(160)];
+
+/// What became of a wish for the result of a key.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Once<T> {
+    /// It was there, perhaps because somebody else has just made it.
+    Found(T),
+    /// It was made here.
+    Made(T),
+    /// The wait for somebody else was cancelled.
+    Cancelled,
+}
+
+impl Cache {
+    /// The result of a key from `find`, or else from `make`, which also stores it. While anybody else in any process makes
+    /// it, this waits, after a call of `waits`, and then looks again; if that one has died, `make` runs here.
+    ///
+    /// Never to be called from a thread that `make` needs, in any process of a job server: the wait blocks it.
+    ///
+    /// # Errors
+    /// Those of `make` alone.
+    pub fn once<T, E>(
+        &self,
+        key: &Key,
+        cancellation: &Cancellation,
+        waits: impl FnOnce(),
+        find: impl Fn() -> Option<T>,
+        make: impl FnOnce() -> Result<T, E>,
+    ) -> Result<Once<T>, E> {
+        if let Some(found) = find() {
+            return Ok(Once::Found(found));
+        }
+        let Some(claim) = Claim::wait_for(self.path("locks", key.as_bytes()), cancellation, waits) else {
+            return Ok(Once::Cancelled);
+        };
+        if let Some(found) = find() {
+            return Ok(Once::Found(found));
+        }
+        let made = make()?;
+        claim.settle();
+        Ok(Once::Made(made))
+    }
+}
+
+/// The right to make one result, given back when dropped.
+struct Claim {
+    path: PathBuf,
+    /// Locked; `None` where locks are not to be had.
+    file: Option<File>,
+}
+
+impl Claim {
+    /// `None` if cancelled.
+    fn wait_for(path: PathBuf, cancellation: &Cancellation, waits: impl FnOnce()) -> Option<Self> {
+        let Ok(file) = open(&path) else { return Some(Self { path, file: None }) };
+        let (mut pause, mut waits) = (PAUSES[0], Some(waits));
+        loop {
+            match file.try_lock() {
+                Ok(()) => return Some(Self { path, file: Some(file) }),
+                Err(TryLockError::Error(_)) => return Some(Self { path, file: None }),
+                Err(TryLockError::WouldBlock) => {}
+            }
+            if let Some(waits) = waits.take() {
+                waits();
+            }
+            if cancellation.is_cancelled() {
+                return None;
+            }
+            thread::sleep(pause);
+            pause = (2 * pause).min(PAUSES[1]);
+        }
+    }
+
+    /// The result is stored: who waits for the lock finds it there, and who comes later needs no lock. After a failure
+    /// the file stays, so that all who wait for it keep waiting for the same one.
+    fn settle(self) {
+        if self.file.is_some() {
+            // One that stays is empty and goes with the next collection.
+            let _ = fs::remove_file(&self.path);
+        }
+    }
+}
+
+fn open(path: &Path) -> io::Result<File> {
+    let open = || OpenOptions::new().create(true).truncate(false).write(true).open(path);
+    match (open(), path.parent()) {
+        (Err(e), Some(folder)) if e.kind() == io::ErrorKind::NotFound => {
+            fs::create_dir_all(folder)?;
+            open()
+        }
+        (opened, _) => opened,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::atomic::{AtomicU32, Ordering::SeqCst};
+    use std::sync::mpsc;
+
+    use super::*;
+    use crate::{Entry, KeyBuilder, Lookup};
+
+    fn key() -> Key {
+        KeyBuilder::new("test").finish()
+    }
+
+    fn entry() -> Entry {
+        Entry { made_by: "cpu".into(), objects: vec![("a".into(), b"content".to_vec())] }
+    }
+
+    fn found(cache: &Cache) -> Option<Entry> {
+        if let Lookup::Hit(entry) = cache.get(&key()) { Some(entry) } else { None }
+    }
+
+    #[test]
+    fn many_threads_make_one_result() {
+        let dir = tempfile::tempdir().expect("tempdir");
+        let made = AtomicU32::new(0);
+        thread::scope(|scope| {
+            for _ in 0..8 {
+                scope.spawn(|| {
+                    let cache = Cache::new(dir.path());
+                    let make = || {
+                        made.fetch_add(1, SeqCst);
+                        thread::sleep(Duration::from_millis(50));
+                        cache.put(&key(), &entry()).map(|()| entry())
+                    };
+                    let once = cache.once(&key(), &Cancellation::default(), || {}, || found(&cache), make);
+                    assert!(matches!(once.expect("makes"), Once::Found(e) | Once::Made(e) if e == entry()));
+                });
+            }
+        });
+        assert_eq!(made.into_inner(), 1);
+        let locks: Vec<_> = fs::read_dir(dir.path().join("locks")).expect("lists").collect();
+        let left: usize = locks.iter().flatten().map(|d| fs::read_dir(d.path()).expect("lists").count()).sum();
+        assert_eq!(left, 0);
+    }
+
+    #[test]
+    fn after_a_failure_the_next_one_tries() {
+        let dir = tempfile::tempdir().expect("tempdir");
+        let cache = Cache::new(dir.path());
+        let once = |make: fn() -> Result<u8, &'static str>| {
+            cache.once(&key(), &Cancellation::default(), || panic!("nobody else is there"), || None, make)
+        };
+        assert_eq!(once(|| Err("no")), Err("no"));
+        assert_eq!(once(|| Ok(1)), Ok(Once::Made(1)));
+    }
+
+    #[test]
+    fn a_wait_can_be_cancelled() {
+        let dir = tempfile::tempdir().expect("tempdir");
+        let (cache, cancellation) = (Cache::new(dir.path()), Cancellation::default());
+        let (started, start) = mpsc::channel();
+        let (end, ended) = mpsc::channel::<()>();
+        thread::scope(|scope| {
+            let cache = &cache;
+            scope.spawn(move || {
+                let make = || {
+                    started.send(()).expect("listens");
+                    ended.recv().map_err(|_| ())
+                };
+                assert_eq!(cache.once(&key(), &Cancellation::default(), || {}, || None, make), Ok(Once::Made(())));
+            });
+            start.recv().expect("it makes");
+            let waits = || cancellation.cancel();
+            let once = cache.once(&key(), &cancellation, waits, || None::<()>, || Err("made twice"));
+            assert_eq!(once, Ok(Once::Cancelled));
+            end.send(()).expect("waits");
+        });
+    }
+
+    #[test]
+    fn without_locks_everybody_makes() {
+        let dir = tempfile::tempdir().expect("tempdir");
+        let root = dir.path().join("file");
+        fs::write(&root, b"").expect("writes");
+        let cache = Cache::new(&root);
+        let once = cache.once(&key(), &Cancellation::default(), || {}, || None, || Ok::<_, ()>(1));
+        assert_eq!(once, Ok(Once::Made(1)));
+    }
+}

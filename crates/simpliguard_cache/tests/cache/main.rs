@@ -1,0 +1,6 @@
+//! The cache as its users see it.
+
+mod folder;
+mod limits;
+mod store;
+mod trouble;

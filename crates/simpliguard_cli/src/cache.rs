@@ -1,0 +1,116 @@
+//! `simpliguard cache`: what is in the cache, and what is to go.
+
+use bytesize::ByteSize;
+use serde::Serialize;
+use simpliguard_cache::{Amount, Cache, Collected, Usage};
+
+use crate::args::{CacheArgs, CacheCommand};
+use crate::project::ProjectCache;
+use crate::summary::{json_text, write_stdout};
+use crate::{UsageError, console};
+
+/// Version of the JSON document; raised when a field changes its meaning or goes away.
+const DOCUMENT_VERSION: u32 = 1;
+
+#[derive(Serialize)]
+struct Document<'a> {
+    version: u32,
+    folder: String,
+    /// In bytes.
+    max_size: u64,
+    #[serde(flatten)]
+    outcome: &'a Outcome,
+}
+
+/// What a command has found or done.
+#[derive(Serialize)]
+#[serde(rename_all = "snake_case")]
+enum Outcome {
+    Usage(Usage),
+    Collected(Collected),
+    Verified { checked: Amount, damaged: Vec<String>, incomplete: u64 },
+    Cleared { freed: u64 },
+    Failed(String),
+}
+
+/// Carries the command out; whether all is well.
+pub(crate) fn run(args: &CacheArgs) -> Result<bool, UsageError> {
+    let project = ProjectCache::of(args.project.as_deref())?;
+    let cache = project.open(args.cache_dir.as_deref());
+    let cache = cache.ok_or_else(|| UsageError("there is no user's cache folder; give --cache-dir".into()))?;
+    let outcome = carry_out(args.command, &cache);
+    outcome.errors().for_each(console::error);
+    if args.json {
+        let (folder, max_size) = (cache.root().display().to_string(), cache.max_size());
+        write_stdout(&json_text(&Document { version: DOCUMENT_VERSION, folder, max_size, outcome: &outcome })?)?;
+    } else {
+        write_stdout(&outcome.text(&cache))?;
+    }
+    Ok(outcome.errors().next().is_none())
+}
+
+fn carry_out(command: CacheCommand, cache: &Cache) -> Outcome {
+    match command {
+        CacheCommand::Stats => Outcome::Usage(cache.usage()),
+        CacheCommand::Gc { .. } if !cache.root().exists() => Outcome::Collected(Collected::default()),
+        CacheCommand::Gc { max_size } => match cache.collect(max_size.unwrap_or(cache.max_size())) {
+            Ok(Some(collected)) => Outcome::Collected(collected),
+            Ok(None) => Outcome::Failed("another collection is under way; try again when it has ended".into()),
+            Err(error) => Outcome::Failed(error.to_string()),
+        },
+        CacheCommand::Verify => {
+            let verified = cache.verify();
+            let damaged = verified.errors.iter().map(ToString::to_string).collect();
+            Outcome::Verified { checked: verified.checked, damaged, incomplete: verified.incomplete }
+        }
+        CacheCommand::Clear => match cache.clear() {
+            Ok(freed) => Outcome::Cleared { freed },
+            Err(error) => Outcome::Failed(error.to_string()),
+        },
+    }
+}
+
+impl Outcome {
+    fn errors(&self) -> impl Iterator<Item = &str> {
+        let errors = match self {
+            Self::Verified { damaged, .. } => damaged.as_slice(),
+            Self::Failed(error) => std::slice::from_ref(error),
+            _ => &[],
+        };
+        errors.iter().map(String::as_str)
+    }
+
+    fn text(&self, cache: &Cache) -> String {
+        match self {
+            Self::Usage(usage) => usage_text(usage, cache),
+            Self::Collected(Collected { results, stages, freed, left }) => format!(
+                "removed {results} results and {stages} stage objects, {} in all; {} are left\n",
+                ByteSize(*freed),
+                ByteSize(*left)
+            ),
+            Self::Verified { checked, damaged, incomplete } => {
+                format!("checked {}: {} damaged, {incomplete} incomplete results\n", amount(checked), damaged.len())
+            }
+            Self::Cleared { freed } => format!("removed {}\n", ByteSize(*freed)),
+            Self::Failed(_) => String::new(),
+        }
+    }
+}
+
+fn usage_text(usage: &Usage, cache: &Cache) -> String {
+    let Usage { results, incomplete, objects, unreferenced, stages, quarantine, bytes } = usage;
+    let lines = [
+        ("folder", cache.root().display().to_string()),
+        ("size", format!("{} of {}", ByteSize(*bytes), ByteSize(cache.max_size()))),
+        ("results", format!("{}, of them {} incomplete", results.files, incomplete.files)),
+        ("objects", format!("{}, of them {} in no result", amount(objects), amount(unreferenced))),
+        ("stages", amount(stages)),
+        ("quarantine", amount(quarantine)),
+    ];
+    lines.iter().map(|(name, value)| format!("{name:<11} {value}\n")).collect()
+}
+
+fn amount(amount: &Amount) -> String {
+    let Amount { files, bytes } = amount;
+    format!("{files} files with {}", ByteSize(*bytes))
+}

@@ -1,0 +1,285 @@
+//! What levels of detail are worth: a crowd of animated octopuses, drawn with them and without.
+//!
+//! ```sh
+//! cargo run --example crowd                          # 1,000 octopuses; prints frame times and ends
+//! cargo run --example crowd -- --count 50 --stay     # stays open: F3 hides the panel, L turns levels on and off
+//! xvfb-run cargo run --example crowd -- --screenshot target/crowd    # without a display; with pictures
+//! ```
+//!
+//! Nothing in a game is special to levels. Here it is `LodSettings::enabled`, which turns all of them off and on, and the
+//! wait for `SimpliguardLods::levels`, which are known once an instance has levels. `BakeMode::Blocking` holds the model
+//! back until then: the first start bakes it, later ones take the result from the cache.
+
+use std::collections::VecDeque;
+use std::f32::consts::{PI, TAU};
+use std::path::PathBuf;
+use std::time::Duration;
+
+use bevy::asset::AssetMode;
+use bevy::gltf::{Gltf, GltfAssetLabel};
+use bevy::prelude::*;
+use bevy::render::view::screenshot::{Screenshot, ScreenshotCaptured, save_to_disk};
+use bevy::window::PresentMode;
+use bevy_simpliguard::overlay::thousands;
+use bevy_simpliguard::{
+    BakeFailed, BakeMode, LodSettings, LodStats, OverlayPlugin, SimpliguardLods, SimpliguardPlugin,
+};
+use clap::Parser;
+
+const MODEL: &str = "octopus.glb";
+
+/// Distance between neighbours, roughly, in metres.
+const SPACING: f32 = 0.65;
+
+/// Frames before a measurement: shaders and textures come late.
+const SETTLED: usize = 4;
+
+/// A measurement ends after this many frames, or earlier when both others are reached.
+const MOST_FRAMES: usize = 120;
+const LEAST_FRAMES: usize = 5;
+const LONG_ENOUGH: Duration = Duration::from_secs(10);
+
+#[derive(Parser, Resource, Clone)]
+struct Options {
+    /// Number of octopuses.
+    #[arg(long, default_value_t = 1000, value_parser = clap::value_parser!(u16).range(1..))]
+    count: u16,
+    /// A folder for pictures from near, the middle and afar.
+    #[arg(long, value_name = "DIR")]
+    screenshot: Option<PathBuf>,
+    /// Measure nothing and stay open.
+    #[arg(long)]
+    stay: bool,
+}
+
+fn main() -> AppExit {
+    let options = Options::parse();
+    let window = Window {
+        title: "crowd".into(),
+        resolution: (1280, 720).into(),
+        present_mode: if options.stay { PresentMode::AutoVsync } else { PresentMode::AutoNoVsync },
+        ..default()
+    };
+    App::new()
+        .add_plugins((
+            SimpliguardPlugin { mode: Some(BakeMode::Blocking), ..default() },
+            DefaultPlugins
+                .set(AssetPlugin { mode: AssetMode::Processed, ..default() })
+                .set(WindowPlugin { primary_window: Some(window), ..default() }),
+            OverlayPlugin::default(),
+        ))
+        .insert_resource(Measurements::new(&options))
+        .insert_resource(options)
+        .insert_resource(ClearColor(AIR))
+        .add_systems(Startup, (light, crowd))
+        .add_systems(Update, (animate, measure.run_if(complete), give_up))
+        .add_observer(|_: On<ScreenshotCaptured>, mut all: ResMut<Measurements>| all.is_exposing = false)
+        .run()
+}
+
+const AIR: Color = Color::srgb(0.74, 0.82, 0.88);
+
+fn light(
+    mut commands: Commands,
+    options: Res<Options>,
+    mut images: ResMut<Assets<Image>>,
+    mut meshes: ResMut<Assets<Mesh>>,
+    mut materials: ResMut<Assets<StandardMaterial>>,
+) {
+    let radius = radius(options.count);
+    let sky = EnvironmentMapLight {
+        intensity: 900.0,
+        ..EnvironmentMapLight::hemispherical_gradient(
+            &mut images,
+            Color::srgb(0.75, 0.86, 1.0),
+            Color::srgb(0.84, 0.88, 0.90),
+            Color::srgb(0.70, 0.62, 0.50),
+        )
+    };
+    let fog = DistanceFog { color: AIR, falloff: FogFalloff::from_visibility(12.0 * radius), ..default() };
+    commands.spawn((Camera3d::default(), sky, fog, Place::Near.view(radius)));
+    commands.spawn((
+        DirectionalLight { color: Color::srgb(1.0, 0.95, 0.86), illuminance: 9_000.0, ..default() },
+        Transform::from_xyz(-5.0, 6.0, 4.0).looking_at(Vec3::ZERO, Vec3::Y),
+    ));
+    let sand = StandardMaterial {
+        base_color: Color::srgb(0.76, 0.68, 0.54),
+        perceptual_roughness: 0.95,
+        reflectance: 0.2,
+        ..default()
+    };
+    commands.spawn((
+        Mesh3d(meshes.add(Plane3d::default().mesh().size(200.0 * radius, 200.0 * radius))),
+        MeshMaterial3d(materials.add(sand)),
+    ));
+}
+
+/// Radius of the crowd.
+fn radius(count: u16) -> f32 {
+    SPACING * f32::from(count).sqrt()
+}
+
+/// The crowd's clips, in one graph that all players share.
+#[derive(Resource)]
+struct Clips {
+    file: Handle<Gltf>,
+    graph: Option<(Handle<AnimationGraph>, Vec<AnimationNodeIndex>)>,
+}
+
+/// Octopuses like the seeds of a sunflower: evenly, and in no direction in rows.
+fn crowd(mut commands: Commands, server: Res<AssetServer>, options: Res<Options>) {
+    let scene: Handle<WorldAsset> = server.load(GltfAssetLabel::Scene(0).from_asset(MODEL));
+    commands.insert_resource(Clips { file: server.load(MODEL), graph: None });
+    let golden_angle = PI * (3.0 - 5.0_f32.sqrt());
+    for i in 0..options.count {
+        let i = f32::from(i);
+        let (sin, cos) = (golden_angle * i).sin_cos();
+        let place = SPACING * (i + 0.5).sqrt() * Vec3::new(cos, 0.0, sin);
+        let turn = Quat::from_rotation_y(TAU * (0.618 * i).fract());
+        commands.spawn((WorldAssetRoot(scene.clone()), Transform::from_translation(place).with_rotation(turn)));
+    }
+}
+
+/// Starts each octopus somewhere in one of its clips, so that no two move in step.
+fn animate(
+    mut commands: Commands,
+    mut clips: ResMut<Clips>,
+    files: Res<Assets<Gltf>>,
+    mut graphs: ResMut<Assets<AnimationGraph>>,
+    mut players: Query<(Entity, &mut AnimationPlayer), Without<AnimationGraphHandle>>,
+) {
+    if players.is_empty() {
+        return;
+    }
+    let Some(file) = files.get(&clips.file) else { return };
+    let (graph, nodes) = clips.graph.get_or_insert_with(|| {
+        let (graph, nodes) = AnimationGraph::from_clips(file.animations.iter().cloned());
+        (graphs.add(graph), nodes)
+    });
+    for (i, (entity, mut player)) in players.iter_mut().enumerate() {
+        player.play(nodes[i % nodes.len()]).repeat().seek_to((0.618 * i as f32).fract());
+        commands.entity(entity).insert(AnimationGraphHandle(graph.clone()));
+    }
+}
+
+/// Whether every octopus is there and has levels.
+fn complete(lods: Query<&SimpliguardLods>, options: Res<Options>) -> bool {
+    lods.iter().filter(|lods| !lods.levels.is_empty()).count() == usize::from(options.count)
+}
+
+fn give_up(mut failed: MessageReader<BakeFailed>, mut exit: MessageWriter<AppExit>) {
+    if let Some(bake) = failed.read().find(|bake| bake.path.to_string() == MODEL) {
+        error!("no crowd: {}", bake.error);
+        exit.write(AppExit::error());
+    }
+}
+
+/// Where the crowd is seen from.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Place {
+    Near,
+    Middle,
+    Far,
+}
+
+impl Place {
+    fn view(self, radius: f32) -> Transform {
+        let (height, distance, focus) = match self {
+            Self::Near => (1.0, radius + 1.2, radius - 3.0),
+            Self::Middle => (0.35 * radius + 1.0, 1.5 * radius + 1.0, 0.25 * radius),
+            Self::Far => (1.2 * radius + 2.0, 4.0 * radius + 4.0, 0.0),
+        };
+        Transform::from_xyz(0.0, height, distance).looking_at(Vec3::Z * focus, Vec3::Y)
+    }
+}
+
+/// What is left to be measured, and what was.
+#[derive(Resource)]
+struct Measurements {
+    left: VecDeque<(Place, bool)>,
+    settled: usize,
+    frames: Vec<Duration>,
+    with_levels: Option<Timing>,
+    is_exposing: bool,
+}
+
+#[derive(Clone, Copy)]
+struct Timing {
+    mean: f64,
+    /// 95 % of the frames take no longer.
+    p95: f64,
+    triangles: u64,
+}
+
+impl Measurements {
+    fn new(options: &Options) -> Self {
+        let both = |place| [(place, true), (place, false)];
+        let all = [Place::Near, Place::Middle, Place::Far].into_iter().flat_map(both);
+        let left = if options.stay { VecDeque::new() } else { all.collect() };
+        Self { left, settled: 0, frames: Vec::new(), with_levels: None, is_exposing: false }
+    }
+
+    /// Takes in a frame; the timing once it was the last.
+    fn add(&mut self, frame: Duration, triangles: u64) -> Option<Timing> {
+        if self.settled < SETTLED {
+            self.settled += 1;
+            return None;
+        }
+        self.frames.push(frame);
+        let total: Duration = self.frames.iter().sum();
+        let count = self.frames.len();
+        if count < MOST_FRAMES && (count < LEAST_FRAMES || total < LONG_ENOUGH) {
+            return None;
+        }
+        self.frames.sort_unstable();
+        let p95 = self.frames[(count * 95).div_ceil(100) - 1];
+        let milliseconds = |time: Duration| 1e3 * time.as_secs_f64();
+        self.frames.clear();
+        self.settled = 0;
+        Some(Timing { mean: milliseconds(total) / count as f64, p95: milliseconds(p95), triangles })
+    }
+}
+
+#[expect(clippy::print_stdout, reason = "the program's result")]
+fn measure(
+    mut commands: Commands,
+    mut all: ResMut<Measurements>,
+    options: Res<Options>,
+    time: Res<Time<Real>>,
+    stats: Res<LodStats>,
+    mut settings: ResMut<LodSettings>,
+    mut camera: Single<&mut Transform, With<Camera3d>>,
+    mut exit: MessageWriter<AppExit>,
+) {
+    if all.is_exposing || options.stay {
+        return;
+    }
+    let Some(&(place, enabled)) = all.left.front() else {
+        exit.write(AppExit::Success);
+        return;
+    };
+    camera.set_if_neq(place.view(radius(options.count)));
+    if settings.enabled != enabled {
+        settings.enabled = enabled;
+    }
+    let Some(timing) = all.add(time.delta(), stats.triangles) else { return };
+    all.left.pop_front();
+    if enabled {
+        all.with_levels = Some(timing);
+        if let Some(folder) = &options.screenshot {
+            let _ = std::fs::create_dir_all(folder);
+            let path = folder.join(format!("crowd_{place:?}.png").to_lowercase());
+            commands.spawn(Screenshot::primary_window()).observe(save_to_disk(path));
+            all.is_exposing = true;
+        }
+    } else if let Some(with) = all.with_levels.take() {
+        let name = format!("{place:?}").to_lowercase();
+        let line = |timing: Timing| {
+            format!("{} triangles: mean {:.1} ms, 95 % {:.1} ms", thousands(timing.triangles), timing.mean, timing.p95)
+        };
+        println!("{name}, {} octopuses", thousands(options.count.into()));
+        println!("  levels of detail   {}", line(with));
+        println!("  source             {}", line(timing));
+        println!("  {:.1} times as fast", timing.mean / with.mean);
+    }
+}

@@ -1,0 +1,49 @@
+//! The panel that shows bakes, levels in view and triangles, in a corner and with keys of the game's choice:
+//! `cargo run --example progress_overlay`.
+//!
+//! The panel is the feature `overlay` of the plugin: `bevy_simpliguard = { version = "0.1", features = ["overlay"] }`. Hidden,
+//! it costs nothing, so a game may keep it. What it shows a game can have for itself: the messages `BakeStarted`,
+//! `BakeProgress`, `BakeFinished` and `BakeFailed`, and the resource `LodStats`.
+
+use bevy::asset::AssetMode;
+use bevy::prelude::*;
+use bevy_simpliguard::overlay::{OverlayCorner, OverlayKeys};
+use bevy_simpliguard::{BakeFailed, BakeFinished, OverlayPlugin, OverlaySettings, SimpliguardPlugin};
+
+fn main() -> AppExit {
+    let keys = OverlayKeys { toggle: Some(KeyCode::Backquote), automatic: Some(KeyCode::Digit9), ..default() };
+    let settings = OverlaySettings { corner: OverlayCorner::BottomRight, text_size: 16.0, keys, ..default() };
+    App::new()
+        .add_plugins((
+            SimpliguardPlugin::default(),
+            DefaultPlugins.set(AssetPlugin { mode: AssetMode::Processed, ..default() }),
+            OverlayPlugin { settings },
+        ))
+        .add_systems(Startup, setup)
+        .add_systems(Update, (tell, turn))
+        .run()
+}
+
+fn setup(mut commands: Commands, server: Res<AssetServer>) {
+    commands.spawn((Camera3d::default(), Transform::from_xyz(0.0, 1.6, 4.5).looking_at(Vec3::Y * 0.4, Vec3::Y)));
+    commands.spawn((DirectionalLight::default(), Transform::from_xyz(2.0, 4.0, 3.0).looking_at(Vec3::ZERO, Vec3::Y)));
+    for (model, x) in [("teddy_bear.glb", -2.2), ("octopus.glb", -1.0), ("pool_table.glb", 1.2)] {
+        commands.spawn((WorldAssetRoot(server.load(format!("{model}#Scene0"))), Transform::from_xyz(x, 0.0, 0.0)));
+    }
+}
+
+/// The same as messages, for a game with a user interface of its own.
+fn tell(mut finished: MessageReader<BakeFinished>, mut failed: MessageReader<BakeFailed>) {
+    for bake in finished.read() {
+        info!("{}: {} levels in {:.1} s", bake.path, bake.report.levels.len(), bake.duration.as_secs_f32());
+    }
+    for bake in failed.read() {
+        warn!("{}: {}", bake.path, bake.error);
+    }
+}
+
+fn turn(time: Res<Time>, mut models: Query<&mut Transform, With<WorldAssetRoot>>) {
+    for mut model in &mut models {
+        model.rotate_y(0.4 * time.delta_secs());
+    }
+}

@@ -1,0 +1,1 @@
+//! Times of a running game, printed: `cargo test --test product -- --ignored --nocapture figures`.
