@@ -16,7 +16,9 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use bevy::asset::AssetMode;
+use bevy::camera::Hdr;
 use bevy::gltf::{Gltf, GltfAssetLabel};
+use bevy::light::CascadeShadowConfigBuilder;
 use bevy::prelude::*;
 use bevy::render::view::screenshot::{Screenshot, ScreenshotCaptured, save_to_disk};
 use bevy::window::PresentMode;
@@ -31,13 +33,25 @@ const MODEL: &str = "octopus.glb";
 /// Distance between neighbours, roughly, in metres.
 const SPACING: f32 = 0.65;
 
-/// Frames before a measurement: shaders and textures come late.
-const SETTLED: usize = 4;
+/// What is drawn before a measurement: shaders and textures come late.
+const WARM_UP: Span = Span { frames: 5, time: Duration::from_secs(5), least: 1 };
 
-/// A measurement ends after this many frames, or earlier when both others are reached.
-const MOST_FRAMES: usize = 120;
-const LEAST_FRAMES: usize = 5;
-const LONG_ENOUGH: Duration = Duration::from_secs(10);
+/// What is measured.
+const MEASURED: Span = Span { frames: 120, time: Duration::from_secs(10), least: 3 };
+
+/// So many frames or so much time, whichever is reached first, but not less than the least of frames.
+struct Span {
+    frames: usize,
+    time: Duration,
+    least: usize,
+}
+
+impl Span {
+    fn is_over(&self, frames: &[Duration]) -> bool {
+        let count = frames.len();
+        count >= self.frames || count >= self.least && frames.iter().sum::<Duration>() >= self.time
+    }
+}
 
 #[derive(Parser, Resource, Clone)]
 struct Options {
@@ -77,7 +91,7 @@ fn main() -> AppExit {
         .run()
 }
 
-const AIR: Color = Color::srgb(0.74, 0.82, 0.88);
+const AIR: Color = Color::srgb(0.66, 0.80, 0.93);
 
 fn light(
     mut commands: Commands,
@@ -96,10 +110,20 @@ fn light(
             Color::srgb(0.70, 0.62, 0.50),
         )
     };
-    let fog = DistanceFog { color: AIR, falloff: FogFalloff::from_visibility(12.0 * radius), ..default() };
-    commands.spawn((Camera3d::default(), sky, fog, Place::Near.view(radius)));
+    let fog = DistanceFog {
+        color: AIR,
+        falloff: FogFalloff::Linear { start: 4.0 * radius, end: 50.0 * radius },
+        ..default()
+    };
+    commands.spawn((Camera3d::default(), Hdr, sky, fog, Place::Near.view(radius)));
     commands.spawn((
-        DirectionalLight { color: Color::srgb(1.0, 0.95, 0.86), illuminance: 9_000.0, ..default() },
+        DirectionalLight {
+            color: Color::srgb(1.0, 0.95, 0.86),
+            illuminance: 10_000.0,
+            shadow_maps_enabled: true,
+            ..default()
+        },
+        CascadeShadowConfigBuilder { num_cascades: 1, maximum_distance: 2.0 * radius, ..default() }.build(),
         Transform::from_xyz(-5.0, 6.0, 4.0).looking_at(Vec3::ZERO, Vec3::Y),
     ));
     let sand = StandardMaterial {
@@ -187,7 +211,7 @@ impl Place {
         let (height, distance, focus) = match self {
             Self::Near => (1.0, radius + 1.2, radius - 3.0),
             Self::Middle => (0.35 * radius + 1.0, 1.5 * radius + 1.0, 0.25 * radius),
-            Self::Far => (1.2 * radius + 2.0, 4.0 * radius + 4.0, 0.0),
+            Self::Far => (0.9 * radius + 1.0, 2.4 * radius + 2.0, 0.0),
         };
         Transform::from_xyz(0.0, height, distance).looking_at(Vec3::Z * focus, Vec3::Y)
     }
@@ -197,7 +221,7 @@ impl Place {
 #[derive(Resource)]
 struct Measurements {
     left: VecDeque<(Place, bool)>,
-    settled: usize,
+    is_warm: bool,
     frames: Vec<Duration>,
     with_levels: Option<Timing>,
     is_exposing: bool,
@@ -216,26 +240,24 @@ impl Measurements {
         let both = |place| [(place, true), (place, false)];
         let all = [Place::Near, Place::Middle, Place::Far].into_iter().flat_map(both);
         let left = if options.stay { VecDeque::new() } else { all.collect() };
-        Self { left, settled: 0, frames: Vec::new(), with_levels: None, is_exposing: false }
+        Self { left, is_warm: false, frames: Vec::new(), with_levels: None, is_exposing: false }
     }
 
     /// Takes in a frame; the timing once it was the last.
     fn add(&mut self, frame: Duration, triangles: u64) -> Option<Timing> {
-        if self.settled < SETTLED {
-            self.settled += 1;
-            return None;
-        }
         self.frames.push(frame);
-        let total: Duration = self.frames.iter().sum();
-        let count = self.frames.len();
-        if count < MOST_FRAMES && (count < LEAST_FRAMES || total < LONG_ENOUGH) {
+        if !if self.is_warm { MEASURED } else { WARM_UP }.is_over(&self.frames) {
             return None;
         }
-        self.frames.sort_unstable();
-        let p95 = self.frames[(count * 95).div_ceil(100) - 1];
+        let mut frames = std::mem::take(&mut self.frames);
+        self.is_warm = !self.is_warm;
+        if self.is_warm {
+            return None;
+        }
+        frames.sort_unstable();
+        let (count, total) = (frames.len(), frames.iter().sum::<Duration>());
+        let p95 = frames[(count * 95).div_ceil(100) - 1];
         let milliseconds = |time: Duration| 1e3 * time.as_secs_f64();
-        self.frames.clear();
-        self.settled = 0;
         Some(Timing { mean: milliseconds(total) / count as f64, p95: milliseconds(p95), triangles })
     }
 }

@@ -1,5 +1,13 @@
 //! Bakes all models of `assets/` as the game would, without a window or a graphics card, and ends: for continuous
-//! integration and for what a game ships. `cargo run --example headless_bake`; exit code 1 if a model failed.
+//! integration and for what a game ships.
+//!
+//! ```sh
+//! cargo run --example headless_bake                # exit code 1 if a model failed
+//! cargo run --example headless_bake -- shipping    # with a profile of config/simpliguard.ron
+//! ```
+//!
+//! `BakeMode::Blocking` makes Bevy's asset processor wait for each bake, so that it is done when all levels are. The results
+//! lie in `imported_assets/` (see the example `shipping`) and in the cache, which a later job may be given.
 
 use std::collections::BTreeSet;
 use std::time::Duration;
@@ -19,7 +27,7 @@ use bevy_simpliguard::{BakeFailed, BakeFinished, BakeMode, SimpliguardPlugin};
 fn main() -> AppExit {
     App::new()
         .add_plugins((
-            SimpliguardPlugin { mode: Some(BakeMode::Blocking), ..default() },
+            SimpliguardPlugin { mode: Some(BakeMode::Blocking), profile: std::env::args().nth(1), ..default() },
             MinimalPlugins.set(ScheduleRunnerPlugin::run_loop(Duration::from_millis(20))),
             LogPlugin { filter: "warn".into(), ..default() },
             AssetPlugin { mode: AssetMode::Processed, ..default() },

@@ -61,5 +61,8 @@ fn examples_are_found_without_a_list() {
     let metadata = metadata();
     let mut examples = targets(root_package(&metadata), "example");
     examples.sort_unstable();
-    assert_eq!(examples, ["generate_octopus", "headless_bake", "minimal"]);
+    assert_eq!(
+        examples,
+        ["crowd", "generate_octopus", "headless_bake", "minimal", "progress_overlay", "settings", "shipping"]
+    );
 }

@@ -4,4 +4,6 @@ mod assets;
 mod bake;
 mod bevy_cli;
 mod plugin;
+mod pops;
 mod readme;
+mod tree;

@@ -19,3 +19,8 @@ pub use lod::{LodSettings, LodStats, SimpliguardLods};
 #[cfg(feature = "overlay")]
 pub use overlay::{OverlayPlugin, OverlaySettings};
 pub use plugin::{BakeMode, SimpliguardPlugin};
+
+/// Compiles what the README shows.
+#[cfg(doctest)]
+#[doc = include_str!("../../../README.md")]
+struct Readme;

@@ -100,7 +100,7 @@ fn shape_of(bencher: Bencher<'_, '_>, model: &Model) {
         source: true,
         cards: true,
         remove_invisible: true,
-        visible_weight: 0.8,
+        visible_weight: 0.9,
         curvature: 0.0,
     };
     bencher.counter(ItemsCount::new(surface.triangles.len())).bench_local(|| {

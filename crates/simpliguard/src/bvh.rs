@@ -166,8 +166,8 @@ pub fn closest_point(p: Vec3A, &[a, b, c]: &[Vec3A; 3]) -> Vec3A {
         return b;
     }
     let vc = d1 * d4 - d3 * d2;
-    if vc <= 0.0 && d1 >= 0.0 && d3 <= 0.0 {
-        return a + ab * part(d1, d1 - d3);
+    if vc <= 0.0 && d1 >= 0.0 && d3 <= 0.0 && d1 > d3 {
+        return a + ab * (d1 / (d1 - d3));
     }
     let cp = p - c;
     let (d5, d6) = (ab.dot(cp), ac.dot(cp));
@@ -175,20 +175,15 @@ pub fn closest_point(p: Vec3A, &[a, b, c]: &[Vec3A; 3]) -> Vec3A {
         return c;
     }
     let vb = d5 * d2 - d1 * d6;
-    if vb <= 0.0 && d2 >= 0.0 && d6 <= 0.0 {
-        return a + ac * part(d2, d2 - d6);
+    if vb <= 0.0 && d2 >= 0.0 && d6 <= 0.0 && d2 > d6 {
+        return a + ac * (d2 / (d2 - d6));
     }
     let va = d3 * d6 - d5 * d4;
-    if va <= 0.0 && d4 - d3 >= 0.0 && d5 - d6 >= 0.0 {
-        return b + (c - b) * part(d4 - d3, (d4 - d3) + (d5 - d6));
+    if va <= 0.0 && d4 - d3 >= 0.0 && d5 - d6 >= 0.0 && (d4 - d3) + (d5 - d6) > 0.0 {
+        return b + (c - b) * ((d4 - d3) / ((d4 - d3) + (d5 - d6)));
     }
     let sum = va + vb + vc;
     if sum.abs() < 1e-30 { a } else { a + ab * (vb / sum) + ac * (vc / sum) }
-}
-
-/// `part / whole`, zero along an edge without length.
-fn part(part: f32, whole: f32) -> f32 {
-    if whole > 0.0 { part / whole } else { 0.0 }
 }
 
 /// Barycentric coordinates of a point in the plane of a triangle; thirds for a triangle without area.

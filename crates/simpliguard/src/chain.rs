@@ -8,7 +8,7 @@ use crate::gltf::{self, ExportOptions, Limits};
 use crate::level::{Shared, make_level};
 use crate::mesh::{Topology, TriMesh, self_intersecting};
 use crate::model::{Level, Model, SMALLEST_EXTENT};
-use crate::objects::shapes_key;
+use crate::objects::{content_key, shapes_key};
 use crate::refine::Refined;
 use crate::render::{Frame, SurfaceSampler, View, take_posed_views, take_views, viewpoints};
 use crate::rig::{Donor, Poses};
@@ -257,7 +257,7 @@ fn make_levels(
             clock
                 .time(StageId::Shape, || (Bvh::new(&surface.positions, &surface.triangles), shape::Solid::of(&sampler)))
         },
-        || clock.time(StageId::Refine, || views_of(&sampler, &frame, poses.as_ref(), seed, settings)),
+        || clock.time(StageId::Refine, || views_of(&sampler, &frame, poses.as_ref(), seed, settings, context)),
     );
     context.check(&model.name)?;
     context.report(StageId::Shape, None, 0.15);
@@ -275,14 +275,27 @@ fn make_levels(
     };
     let budgets = targets.budgets();
     let params = shape_params(settings, &budgets);
+    let content = context.key(|| content_key(source, model));
     let shapes = clock.time(StageId::Shape, || {
-        let key = context.key(|| shapes_key(source, model, settings));
+        let key = content.map(|content| shapes_key(&content, settings));
         context.stored(key, || shape::shape(&inputs, &params, context))
     })?;
     let deviations: Vec<Deviation> = shapes.iter().map(|s| s.deviation).collect();
     context.report(StageId::Unwrap, None, 0.4);
-    let shared =
-        Shared { model, sampler, bvh: &bvh, donor: &donor, frame, views, poses, seed, settings, context, clock };
+    let shared = Shared {
+        model,
+        sampler,
+        bvh: &bvh,
+        donor: &donor,
+        frame,
+        views,
+        poses,
+        seed,
+        content,
+        settings,
+        context,
+        clock,
+    };
     let (chosen, unmet) = targets.choose(&budgets, &deviations);
     let made: Result<Vec<_>, Error> = chosen
         .par_iter()
@@ -293,22 +306,28 @@ fn make_levels(
     Ok(Made { levels, reports, unmet })
 }
 
-/// The source in the rest pose, and half as often in its other poses.
+/// The source in the rest pose, and half as often in its other poses; fewer views if cancelled.
 fn views_of(
     sampler: &SurfaceSampler<'_>,
     frame: &Frame,
     poses: Option<&Poses<'_>>,
     seed: u64,
     settings: &BakeSettings,
+    context: &Context<'_>,
 ) -> Vec<View> {
     let (count, size) = (settings.views as usize, settings.view_size as usize);
-    let mut views = take_views(sampler, &viewpoints(frame, count, seed), size);
+    // A few at a time, so that a bake that nobody wants any more ends soon.
+    let few = rayon::current_num_threads().max(8);
+    let wanted = || !context.cancellation.is_cancelled();
+    let cameras = viewpoints(frame, count, seed);
+    let taken = cameras.chunks(few).take_while(|_| wanted()).flat_map(|cameras| take_views(sampler, cameras, size));
+    let mut views: Vec<View> = taken.collect();
     let Some(poses) = poses else { return views };
     let surface = &sampler.model().surface;
     let rest = TriMesh { positions: surface.positions.clone(), triangles: Vec::new() };
     let motions = poses.motions(&surface.influences);
     let per_pose = (count / 2).div_ceil(poses.count());
-    for (pose, posed) in poses.posed(&rest, &motions).enumerate() {
+    for (pose, posed) in poses.posed(&rest, &motions).enumerate().take_while(|_| wanted()) {
         let frame = Frame::around(&posed.positions);
         let cameras = viewpoints(&frame, per_pose, seed.wrapping_add(pose as u64 + 1));
         views.extend(take_posed_views(sampler, &posed.positions, pose, &cameras, size));
@@ -316,25 +335,19 @@ fn views_of(
     views
 }
 
-/// Largest budget whose fine reconstruction has 256 cells along the longest side.
-const FINE_UP_TO: u32 = 8000;
-/// Cells of the reconstruction that is tried where the best shape passes through itself.
-const FINER: u32 = 384;
-
 fn shape_params(settings: &BakeSettings, budgets: &[u32]) -> shape::Params {
-    let fine = if budgets.last().is_some_and(|&n| n > FINE_UP_TO) { 512 } else { 256 };
     let reconstructions = match (settings.candidates, settings.resolution) {
         (Candidates::Source, _) => Vec::new(),
         // Fine for large budgets, coarse for small ones, thick where parts lie close together.
         (_, Resolution::Auto) => {
-            vec![reconstruct::Params::new(128), reconstruct::Params::new(fine), reconstruct::Params::thick(128)]
+            vec![reconstruct::Params::new(128), reconstruct::Params::new(256), reconstruct::Params::thick(128)]
         }
         (_, Resolution::Cells(n)) => vec![reconstruct::Params::new(n)],
     };
     shape::Params {
         budgets: budgets.to_vec(),
-        finer: (settings.resolution == Resolution::Auto && fine < FINER && !reconstructions.is_empty())
-            .then(|| reconstruct::Params::new(FINER)),
+        finer: (settings.resolution == Resolution::Auto && !reconstructions.is_empty())
+            .then(|| reconstruct::Params::new(384)),
         reconstructions,
         // The source's own triangles need not be closed.
         source: settings.candidates != Candidates::Reconstruction && !settings.watertight,

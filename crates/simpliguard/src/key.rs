@@ -175,6 +175,6 @@ mod tests {
         assert_eq!(key.hex(), "1b390d6a4d9b1b9eff82ceb06fcfac63e46e097621605a9d5a43f3a1ca006edb");
         assert_eq!((Key::from_hex(&key.hex()), Key::from_hex("1b")), (Some(key), None));
         let stage = KeyBuilder::new("1").stage("shape", 1).key(&key).input(b"a").finish();
-        assert_eq!(stage.hex(), "");
+        assert_eq!(stage.hex(), "47968fa6c1f1293ae4dfccf5eaad6daf9efd2cfe6827a6a183911f34151375f5");
     }
 }

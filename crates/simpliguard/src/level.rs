@@ -7,7 +7,7 @@ use crate::chain::{LevelReport, LevelTopology};
 use crate::clock::Clock;
 use crate::mesh::TriMesh;
 use crate::model::{Influences, Level, Model, linear_to_srgb};
-use crate::objects::atlas_key;
+use crate::objects::{atlas_key, descent_key};
 use crate::refine::{self, LowPoly, Refined};
 use crate::render::{Frame, Motions, SurfaceSample, SurfaceSampler, View};
 use crate::rig::{self, Donor, Poses, Transfer};
@@ -15,7 +15,7 @@ use crate::settings::{BakeSettings, SkinTransfer};
 use crate::shape::{Cards, Deviation, Road, Shape};
 use crate::texture::{self, Channels, Texel};
 use crate::unwrap::{Atlas, UnwrapParams, unwrap};
-use crate::{Bvh, Context, Error, StageId};
+use crate::{Bvh, Context, Error, Key, StageId};
 
 /// Largest texture during descent: a view resolves no more, and the last solution is at full size.
 const FITTED_SIZE: usize = 512;
@@ -32,6 +32,8 @@ pub(crate) struct Shared<'a> {
     pub(crate) views: Vec<View>,
     pub(crate) poses: Option<Poses<'a>>,
     pub(crate) seed: u64,
+    /// Of the source's files, if stages are stored.
+    pub(crate) content: Option<Key>,
     pub(crate) settings: &'a BakeSettings,
     pub(crate) context: &'a Context<'a>,
     pub(crate) clock: &'a Clock,
@@ -66,6 +68,7 @@ pub(crate) fn make_level(
     let influences = clock.time(StageId::Rig, || influences(shared, &shape.mesh));
     let Fitted { low, refined, alpha } = fit(shared, &canvas, shape, &influences, number, budget)?;
     let mesh = low.mesh();
+    context.check(&model.name)?;
     context.report(StageId::Texture, Some(number as usize), 0.85);
     let samples = clock.time(StageId::Texture, || canvas.bake(&mesh, shape.cards.as_ref()));
     let (low, psnr) = clock.time(StageId::Refine, || canvas.finish(low, &samples, alpha));
@@ -117,6 +120,7 @@ fn fit(
 ) -> Result<Fitted, Error> {
     let Shared { model, settings, context, clock, .. } = *shared;
     let small = Canvas::new(shared, full.atlas, full.size.min(FITTED_SIZE));
+    context.check(&model.name)?;
     context.report(StageId::Texture, Some(number as usize), 0.45);
     let (mut low, alpha, smoothness) = clock.time(StageId::Texture, || {
         let samples = small.bake(&shape.mesh, shape.cards.as_ref());
@@ -136,9 +140,15 @@ fn fit(
         resolve_every: RESOLVE_EVERY,
         seed: shared.seed ^ u64::from(budget),
     };
-    let refined = clock.time(StageId::Refine, || {
-        refine::refine(&mut low, &shared.views, shared.frame.radius, &params, &model.name, context)
+    let key = shared.content.map(|content| descent_key(&content, settings, budget));
+    let (positions, refined) = clock.time(StageId::Refine, || {
+        context.stored(key, || {
+            let mut low = low.clone();
+            let refined = refine::refine(&mut low, &shared.views, shared.frame.radius, &params, &model.name, context)?;
+            Ok((low.positions, refined))
+        })
     })?;
+    low.positions = positions;
     Ok(Fitted { low, refined, alpha })
 }
 

@@ -90,6 +90,9 @@ impl Cache {
 
     /// Called when so many bytes were stored. Looks at all files only if the limit seems to be reached.
     pub(crate) fn has_grown(&self, bytes: u64) {
+        if self.max_size() == u64::MAX {
+            return;
+        }
         let estimate = self.estimate().map(|known| Estimate { bytes: known.bytes + bytes, ..known });
         match estimate.filter(|estimate| estimate.bytes <= self.max_size()) {
             Some(estimate) => self.set_estimate(&estimate),

@@ -12,10 +12,21 @@ use std::time::Duration;
 
 use simpliguard::Cancellation;
 
-use crate::{Cache, Key};
+use crate::{Cache, Key, StorageError};
 
 /// Time between two tries to get a lock, which doubles from the first to the second.
 const PAUSES: [Duration; 2] = [Duration::from_millis(10), Duration::from_millis(160)];
+
+/// What a user may want to know while a result is looked for; for a line of log.
+#[derive(Debug, thiserror::Error)]
+pub enum Notice {
+    /// Another thread or process makes the result at the moment.
+    #[error("somebody else bakes it; waiting")]
+    Waits,
+    /// The shared tier does not work; this cache goes on without.
+    #[error(transparent)]
+    Shared(#[from] StorageError),
+}
 
 /// What became of a wish for the result of a key.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -30,9 +41,10 @@ pub enum Once<T> {
 
 impl Cache {
     /// The result of a key from `find`, or else from `make`, which also stores it. While anybody else in any process makes
-    /// it, this waits, after a call of `waits`, and then looks again; if that one has died, `make` runs here.
+    /// it, this waits and then looks again; if that one has died, `make` runs here. Before that, the result is looked for
+    /// in the shared tier, and afterwards stored there.
     ///
-    /// Never to be called from a thread that `make` needs, in any process of a job server: the wait blocks it.
+    /// The wait blocks the thread: never call this from one that `make` needs, such as one of its pool.
     ///
     /// # Errors
     /// Those of `make` alone.
@@ -40,22 +52,41 @@ impl Cache {
         &self,
         key: &Key,
         cancellation: &Cancellation,
-        waits: impl FnOnce(),
+        tell: impl Fn(Notice),
         find: impl Fn() -> Option<T>,
         make: impl FnOnce() -> Result<T, E>,
     ) -> Result<Once<T>, E> {
         if let Some(found) = find() {
             return Ok(Once::Found(found));
         }
-        let Some(claim) = Claim::wait_for(self.path("locks", key.as_bytes()), cancellation, waits) else {
+        let Some(claim) = Claim::wait_for(self.path("locks", key.as_bytes()), cancellation, &tell) else {
             return Ok(Once::Cancelled);
         };
-        if let Some(found) = find() {
+        if let Some(found) = find().or_else(|| if self.fetch(key, &tell) { find() } else { None }) {
+            claim.settle();
             return Ok(Once::Found(found));
         }
         let made = make()?;
         claim.settle();
+        self.share(key, &tell);
         Ok(Once::Made(made))
+    }
+
+    /// Brings a result here from the shared tier; whether it did.
+    fn fetch(&self, key: &Key, tell: &impl Fn(Notice)) -> bool {
+        let Some(shared) = self.shared() else { return false };
+        let fetched = shared.get(key).and_then(|found| found.map(|entry| self.put(key, &entry)).transpose());
+        fetched.map_err(|error| tell(error.into())).is_ok_and(|found| found.is_some())
+    }
+
+    /// Brings a result from here to the shared tier.
+    fn share(&self, key: &Key, tell: &impl Fn(Notice)) {
+        if let Some(shared) = self.shared()
+            && let Ok(Some(entry)) = self.read(key, |_| true)
+            && let Err(error) = shared.put(key, &entry)
+        {
+            tell(error.into());
+        }
     }
 }
 
@@ -68,17 +99,17 @@ struct Claim {
 
 impl Claim {
     /// `None` if cancelled.
-    fn wait_for(path: PathBuf, cancellation: &Cancellation, waits: impl FnOnce()) -> Option<Self> {
+    fn wait_for(path: PathBuf, cancellation: &Cancellation, tell: &impl Fn(Notice)) -> Option<Self> {
         let Ok(file) = open(&path) else { return Some(Self { path, file: None }) };
-        let (mut pause, mut waits) = (PAUSES[0], Some(waits));
+        let mut pause = PAUSES[0];
         loop {
             match file.try_lock() {
                 Ok(()) => return Some(Self { path, file: Some(file) }),
                 Err(TryLockError::Error(_)) => return Some(Self { path, file: None }),
                 Err(TryLockError::WouldBlock) => {}
             }
-            if let Some(waits) = waits.take() {
-                waits();
+            if pause == PAUSES[0] {
+                tell(Notice::Waits);
             }
             if cancellation.is_cancelled() {
                 return None;
@@ -142,7 +173,7 @@ mod tests {
                         thread::sleep(Duration::from_millis(50));
                         cache.put(&key(), &entry()).map(|()| entry())
                     };
-                    let once = cache.once(&key(), &Cancellation::default(), || {}, || found(&cache), make);
+                    let once = cache.once(&key(), &Cancellation::default(), |_| {}, || found(&cache), make);
                     assert!(matches!(once.expect("makes"), Once::Found(e) | Once::Made(e) if e == entry()));
                 });
             }
@@ -158,7 +189,7 @@ mod tests {
         let dir = tempfile::tempdir().expect("tempdir");
         let cache = Cache::new(dir.path());
         let once = |make: fn() -> Result<u8, &'static str>| {
-            cache.once(&key(), &Cancellation::default(), || panic!("nobody else is there"), || None, make)
+            cache.once(&key(), &Cancellation::default(), |notice| panic!("{notice}"), || None, make)
         };
         assert_eq!(once(|| Err("no")), Err("no"));
         assert_eq!(once(|| Ok(1)), Ok(Once::Made(1)));
@@ -177,11 +208,11 @@ mod tests {
                     started.send(()).expect("listens");
                     ended.recv().map_err(|_| ())
                 };
-                assert_eq!(cache.once(&key(), &Cancellation::default(), || {}, || None, make), Ok(Once::Made(())));
+                assert_eq!(cache.once(&key(), &Cancellation::default(), |_| {}, || None, make), Ok(Once::Made(())));
             });
             start.recv().expect("it makes");
-            let waits = || cancellation.cancel();
-            let once = cache.once(&key(), &cancellation, waits, || None::<()>, || Err("made twice"));
+            let tell = |_| cancellation.cancel();
+            let once = cache.once(&key(), &cancellation, tell, || None::<()>, || Err("made twice"));
             assert_eq!(once, Ok(Once::Cancelled));
             end.send(()).expect("waits");
         });
@@ -193,7 +224,7 @@ mod tests {
         let root = dir.path().join("file");
         fs::write(&root, b"").expect("writes");
         let cache = Cache::new(&root);
-        let once = cache.once(&key(), &Cancellation::default(), || {}, || None, || Ok::<_, ()>(1));
+        let once = cache.once(&key(), &Cancellation::default(), |_| {}, || None, || Ok::<_, ()>(1));
         assert_eq!(once, Ok(Once::Made(1)));
     }
 }

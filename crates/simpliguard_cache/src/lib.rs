@@ -21,15 +21,21 @@
 //! A cache has a limit ([`Cache::with_max_size`]). When it is reached, what was used longest ago goes first; the times of
 //! files say when, to the hour. Nothing in a cache names a path, so that its folder may be moved.
 //!
+//! Results, but not what stages leave behind, also go to and come from a shared tier: a folder on a file server, or, with
+//! the feature `cloud`, object storage.
+//!
 //! Limits: the limit may be passed for some minutes, while new objects are too young to be removed.
 
 mod bake;
+#[cfg(feature = "cloud")]
+mod cloud;
 mod collect;
 mod file;
 mod flight;
 mod inventory;
 mod place;
 mod record;
+mod shared;
 mod stages;
 mod store;
 mod verify;
@@ -37,9 +43,10 @@ mod verify;
 pub use bake::{BakeResult, Draw, bake_key};
 pub use collect::{Collected, DEFAULT_MAX_SIZE};
 pub use file::{Durability, can_write_in, write_atomic, write_atomic_through};
-pub use flight::Once;
+pub use flight::{Notice, Once};
 pub use inventory::{Amount, Usage};
-pub use place::{ENV_VAR, place};
+pub use place::{ENV_VAR, Explicit, place};
+pub use shared::SHARED_ENV_VAR;
 pub use simpliguard::{Key, KeyBuilder};
 pub use store::{Cache, Entry, Lookup, Stats, StorageError};
 pub use verify::Verified;

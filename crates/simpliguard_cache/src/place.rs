@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 
 use simpliguard::settings::CacheSettings;
 
+use crate::shared::Shared;
 use crate::{Cache, DEFAULT_MAX_SIZE};
 
 /// Environment variable that names the cache's folder.
@@ -17,13 +18,24 @@ pub fn place(explicit: Option<&Path>, configured: Option<&Path>) -> Option<PathB
     choose(explicit, std::env::var_os(ENV_VAR), configured, user)
 }
 
+/// What a command line, or the code of a game, says about the cache; it goes before everything else.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Explicit<'a> {
+    /// Folder.
+    pub dir: Option<&'a Path>,
+    /// Folder or address of the shared tier.
+    pub shared: Option<&'a str>,
+}
+
 impl Cache {
-    /// The cache of a project whose folder is `base`, at the [`place`] that follows from `explicit` and the project's
-    /// settings. `None` if the platform does not say where that is.
-    pub fn of_project(explicit: Option<&Path>, settings: &CacheSettings, base: &Path) -> Option<Self> {
+    /// The cache of a project whose folder is `base`. Its own folder is at the [`place`] that follows from `explicit` and the
+    /// project's settings; its shared tier is that of `explicit`, else of [`crate::SHARED_ENV_VAR`], else of the project.
+    /// `None` if the platform does not say where users' caches are.
+    pub fn of_project(explicit: Explicit<'_>, settings: &CacheSettings, base: &Path) -> Option<Self> {
         let configured = settings.dir.as_ref().map(|dir| base.join(dir));
-        let cache = Self::new(place(explicit, configured.as_deref())?);
-        Some(cache.with_max_size(settings.max_size.unwrap_or(DEFAULT_MAX_SIZE)))
+        let cache = Self::new(place(explicit.dir, configured.as_deref())?);
+        let cache = cache.with_max_size(settings.max_size.unwrap_or(DEFAULT_MAX_SIZE));
+        Some(cache.with_shared(Shared::of_project(explicit.shared, settings, base)))
     }
 }
 

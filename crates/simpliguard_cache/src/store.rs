@@ -9,6 +9,7 @@ use std::time::{Duration, SystemTime};
 use simpliguard::{Key, content_hash};
 
 use crate::record::{ObjectRecord, Record};
+use crate::shared::Shared;
 use crate::{Durability, write_atomic};
 
 /// A use is noted if the last one is this long ago.
@@ -64,6 +65,18 @@ pub enum StorageError {
         /// Whether it is in quarantine now.
         moved: bool,
     },
+    /// The shared tier does not answer as it should.
+    #[error(
+        "shared cache: cannot {action} {address}: {reason}; results stay on this machine: check the address and your rights there"
+    )]
+    Shared {
+        /// What was tried.
+        action: &'static str,
+        /// Where.
+        address: String,
+        /// Why not.
+        reason: String,
+    },
 }
 
 /// What a [`Cache`] has seen since it was opened.
@@ -82,6 +95,9 @@ pub struct Stats {
 pub struct Cache {
     root: PathBuf,
     max_size: u64,
+    shared: Option<Shared>,
+    /// Files are neither moved nor touched.
+    read_only: bool,
     hits: AtomicU64,
     misses: AtomicU64,
     quarantined: AtomicU64,
@@ -90,14 +106,34 @@ pub struct Cache {
 impl Cache {
     /// A cache in a folder, which need not exist yet, of at most [`crate::DEFAULT_MAX_SIZE`]. Touches nothing.
     pub fn new(root: impl Into<PathBuf>) -> Self {
-        let max_size = crate::DEFAULT_MAX_SIZE;
-        Self { root: root.into(), max_size, hits: 0.into(), misses: 0.into(), quarantined: 0.into() }
+        Self {
+            root: root.into(),
+            max_size: crate::DEFAULT_MAX_SIZE,
+            shared: None,
+            read_only: false,
+            hits: 0.into(),
+            misses: 0.into(),
+            quarantined: 0.into(),
+        }
+    }
+
+    /// A cache that somebody else keeps below a size.
+    pub(crate) fn unlimited(root: impl Into<PathBuf>, read_only: bool) -> Self {
+        Self { max_size: u64::MAX, read_only, ..Self::new(root) }
     }
 
     /// The same cache with another limit, in bytes: what was used longest ago goes when more is stored.
     #[must_use]
     pub fn with_max_size(self, max_size: u64) -> Self {
         Self { max_size, ..self }
+    }
+
+    pub(crate) fn with_shared(self, shared: Option<Shared>) -> Self {
+        Self { shared, ..self }
+    }
+
+    pub(crate) fn shared(&self) -> Option<&Shared> {
+        self.shared.as_ref()
     }
 
     /// Its limit in bytes.
@@ -133,6 +169,9 @@ impl Cache {
             Err(error) => (&self.misses, Lookup::Damaged(error)),
         };
         counter.fetch_add(1, Relaxed);
+        if matches!(lookup, Lookup::Hit(_)) && !self.read_only {
+            note_use(&self.path("results", key.as_bytes()), USE_NOTED_AFTER);
+        }
         lookup
     }
 
@@ -160,7 +199,7 @@ impl Cache {
         Ok(())
     }
 
-    fn read(&self, key: &Key, wanted: impl Fn(&str) -> bool) -> Result<Option<Entry>, StorageError> {
+    pub(crate) fn read(&self, key: &Key, wanted: impl Fn(&str) -> bool) -> Result<Option<Entry>, StorageError> {
         let path = self.path("results", key.as_bytes());
         let Some(json) = read(&path)? else { return Ok(None) };
         let record = match Record::parse(&json, &key.hex()) {
@@ -179,7 +218,6 @@ impl Cache {
             let Some(bytes) = self.read_object(&hash, size)? else { return Ok(None) };
             objects.push((name, bytes));
         }
-        note_use(&path, USE_NOTED_AFTER);
         Ok(Some(Entry { made_by: record.made_by, objects }))
     }
 
@@ -200,7 +238,7 @@ impl Cache {
         let name = path.file_name().unwrap_or_default().to_string_lossy();
         let folder = self.root.join("quarantine");
         let target = folder.join(format!("{name}.{}.{nth}", std::process::id()));
-        let moved = fs::create_dir_all(&folder).and_then(|()| fs::rename(&path, target)).is_ok();
+        let moved = !self.read_only && fs::create_dir_all(&folder).and_then(|()| fs::rename(&path, target)).is_ok();
         StorageError::Damaged { path, reason: reason.to_owned(), moved }
     }
 

@@ -50,6 +50,10 @@ pub(crate) struct BakeArgs {
     /// The cache's folder; else $SIMPLIGUARD_CACHE_DIR, else `cache.dir` of the project, else the user's cache folder.
     #[arg(long, value_name = "DIR", conflicts_with = "no_cache")]
     pub(crate) cache_dir: Option<PathBuf>,
+    /// A folder or an address such as `s3://bucket/folder` that results of other machines come from and ours go to; else
+    /// $SIMPLIGUARD_SHARED_CACHE, else `cache.shared` of the project.
+    #[arg(long, value_name = "URL", conflicts_with = "no_cache")]
+    pub(crate) shared_cache: Option<String>,
     /// Neither look results up nor store them.
     #[arg(long)]
     pub(crate) no_cache: bool,

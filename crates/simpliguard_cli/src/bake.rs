@@ -10,7 +10,9 @@ use rayon::{ThreadPool, ThreadPoolBuilder};
 use simpliguard::model::{Level, Model};
 use simpliguard::settings::BakeSettings;
 use simpliguard::{Cancellation, Context, Error, Source, StageId, StageStore};
-use simpliguard_cache::{BakeResult, Cache, Draw, Durability, Key, Lookup, Once, bake_key, can_write_in, write_atomic};
+use simpliguard_cache::{
+    BakeResult, Cache, Draw, Durability, Explicit, Key, Lookup, Notice, Once, bake_key, can_write_in, write_atomic,
+};
 use simpliguard_eval::contact_sheet;
 
 use crate::UsageError;
@@ -94,7 +96,10 @@ impl<'a> Runner<'a> {
         let once = cache.once(
             &key,
             &Cancellation::default(),
-            || progress.note("somebody else bakes it; waiting"),
+            |notice: Notice| match notice {
+                Notice::Waits => progress.note(&notice.to_string()),
+                Notice::Shared(error) => console::warning(&error.to_string()),
+            },
             || self.look_up(cache, &key).filter(|result| self.suffices(result)),
             || bake().inspect(|result| self.store(cache, &key, result)),
         )?;
@@ -106,7 +111,8 @@ impl<'a> Runner<'a> {
     }
 
     fn cache(&self, job: &Job) -> Option<Cache> {
-        if self.args.no_cache { None } else { job.cache.open(self.args.cache_dir.as_deref()) }
+        let explicit = Explicit { dir: self.args.cache_dir.as_deref(), shared: self.args.shared_cache.as_deref() };
+        if self.args.no_cache { None } else { job.cache.open(explicit) }
     }
 
     fn look_up(&self, cache: &Cache, key: &Key) -> Option<BakeResult> {

@@ -2,7 +2,7 @@
 
 use bytesize::ByteSize;
 use serde::Serialize;
-use simpliguard_cache::{Amount, Cache, Collected, Usage};
+use simpliguard_cache::{Amount, Cache, Collected, Explicit, Usage};
 
 use crate::args::{CacheArgs, CacheCommand};
 use crate::project::ProjectCache;
@@ -36,7 +36,7 @@ enum Outcome {
 /// Carries the command out; whether all is well.
 pub(crate) fn run(args: &CacheArgs) -> Result<bool, UsageError> {
     let project = ProjectCache::of(args.project.as_deref())?;
-    let cache = project.open(args.cache_dir.as_deref());
+    let cache = project.open(Explicit { dir: args.cache_dir.as_deref(), shared: None });
     let cache = cache.ok_or_else(|| UsageError("there is no user's cache folder; give --cache-dir".into()))?;
     let outcome = carry_out(args.command, &cache);
     outcome.errors().for_each(console::error);

@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 
 use simpliguard::Error;
 use simpliguard::settings::{CacheSettings, Layer, Origin, ProjectFile, Resolved, parse_meta, resolve};
-use simpliguard_cache::Cache;
+use simpliguard_cache::{Cache, Explicit};
 
 use crate::UsageError;
 use crate::args::SettingsSources;
@@ -54,8 +54,8 @@ impl ProjectCache {
         Ok(Project::read(folder.map(existing_folder).transpose()?.or_else(here))?.cache())
     }
 
-    /// The cache, unless there is no place for one. `explicit` is the folder of the command line.
-    pub(crate) fn open(&self, explicit: Option<&Path>) -> Option<Cache> {
+    /// The cache, unless there is no place for one. `explicit` is what the command line says.
+    pub(crate) fn open(&self, explicit: Explicit<'_>) -> Option<Cache> {
         Cache::of_project(explicit, &self.settings, &self.base)
     }
 }

@@ -67,12 +67,13 @@ impl Collection {
         let count = self.models.len();
         let last = layout::row(count.saturating_sub(1));
         let middle = last / 2.0 + Vec3::Y * 0.9;
-        let all = View { focus: middle, yaw: 0.0, pitch: 0.3, distance: 13.0 + 1.2 * count as f32 };
+        let all = View { focus: middle, yaw: 0.0, pitch: 0.42, distance: 13.0 + 1.2 * count as f32 };
         let rows = self.models.iter().enumerate().map(|(index, model)| {
             let focus = layout::row(index) + Vec3::Y * 0.6;
             (model.name.clone(), View { focus, yaw: 0.06, pitch: 0.34, distance: 7.4 })
         });
-        let avenues = View { focus: layout::avenue(0, 2) + Vec3::X * 1.4, yaw: -0.12, pitch: 0.24, distance: 8.5 };
+        // From behind the gallery.
+        let avenues = View { focus: layout::avenue(0, 4) + Vec3::X * 1.4, yaw: -0.12, pitch: 0.24, distance: 8.5 };
         std::iter::once(("everything".into(), all)).chain(rows).chain([("avenue".into(), avenues)]).collect()
     }
 }

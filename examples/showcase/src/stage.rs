@@ -4,13 +4,14 @@ use bevy::camera::Hdr;
 use bevy::core_pipeline::tonemapping::Tonemapping;
 use bevy::light::{CascadeShadowConfigBuilder, NotShadowCaster};
 use bevy::prelude::*;
+use bevy::render::view::{ColorGrading, ColorGradingGlobal};
 
 use crate::camera::Orbit;
 use crate::exhibits::Collection;
 use crate::layout;
 
 /// The horizon's colour, which distance fades to.
-const AIR: Color = Color::srgb(0.83, 0.88, 0.92);
+const AIR: Color = Color::srgb(0.66, 0.80, 0.93);
 
 pub(crate) fn plugin(app: &mut App) {
     app.insert_resource(ClearColor(AIR));
@@ -22,7 +23,7 @@ fn light(mut commands: Commands) {
     commands.spawn((
         DirectionalLight {
             color: Color::srgb(1.0, 0.96, 0.9),
-            illuminance: 11_500.0,
+            illuminance: 14_000.0,
             shadow_maps_enabled: true,
             ..default()
         },
@@ -40,7 +41,7 @@ fn light(mut commands: Commands) {
 fn ground(mut commands: Commands, mut meshes: ResMut<Assets<Mesh>>, mut materials: ResMut<Assets<StandardMaterial>>) {
     commands.spawn((
         Mesh3d(meshes.add(Plane3d::default().mesh().size(1_000.0, 1_000.0))),
-        MeshMaterial3d(materials.add(matte(Color::srgb(0.50, 0.51, 0.51)))),
+        MeshMaterial3d(materials.add(matte(Color::srgb(0.34, 0.36, 0.38)))),
         NotShadowCaster,
     ));
 }
@@ -52,7 +53,7 @@ fn steps(
     mut meshes: ResMut<Assets<Mesh>>,
     mut materials: ResMut<Assets<StandardMaterial>>,
 ) {
-    let material = materials.add(matte(Color::srgb(0.62, 0.62, 0.60)));
+    let material = materials.add(matte(Color::srgb(0.50, 0.49, 0.46)));
     for model in 1..collection.models.len() {
         let place = layout::row(model);
         let size = Vec3::new(layout::row_width(4), place.y, layout::STEP.x);
@@ -71,8 +72,10 @@ fn camera(mut commands: Commands, mut images: ResMut<Assets<Image>>, collection:
         Hdr,
         Orbit::looking(collection.views()[0].1),
         Tonemapping::TonyMcMapface,
+        // The tone mapping takes colour away.
+        ColorGrading { global: ColorGradingGlobal { post_saturation: 1.2, ..default() }, ..default() },
         EnvironmentMapLight {
-            intensity: 750.0,
+            intensity: 600.0,
             ..EnvironmentMapLight::hemispherical_gradient(
                 &mut images,
                 Color::srgb(0.80, 0.88, 1.0),

@@ -37,6 +37,8 @@ pub(super) const REPORT: &str = "@ ";
 #[derive(Deserialize, Resource, Clone, Default)]
 #[serde(default)]
 pub(super) struct Options {
+    /// Without the plugin.
+    plain: bool,
     blocking: bool,
     threads: Option<usize>,
     scene: Option<Scene>,
@@ -69,12 +71,15 @@ fn game() {
     // Ends the line that the test runner has begun.
     println!();
     let mut app = App::new();
-    app.add_plugins((
-        SimpliguardPlugin {
+    if !options.plain {
+        app.add_plugins(SimpliguardPlugin {
             mode: options.blocking.then_some(BakeMode::Blocking),
             threads: options.threads,
             ..default()
-        },
+        })
+        .add_systems(Update, report_bakes);
+    }
+    app.add_plugins((
         MinimalPlugins.set(ScheduleRunnerPlugin::run_loop(Duration::from_millis(4))).set(one_io_thread()),
         LogPlugin { filter: "info,bevy_asset=debug,bevy_simpliguard=debug".into(), ..default() },
         AssetPlugin { mode: AssetMode::Processed, ..default() },
@@ -96,7 +101,7 @@ fn game() {
         .insert_resource(Clock { start: now, last: now, worst: Duration::ZERO })
         .insert_resource(QuitAsked(quit_asked()))
         .add_systems(Startup, load)
-        .add_systems(Update, (time_frames, report_bakes, report_models, quit))
+        .add_systems(Update, (time_frames, report_models, quit))
         .add_observer(report_instance);
     assert!(app.run().is_success());
 }
@@ -183,6 +188,7 @@ fn report_models(
     assets: Res<Assets<Gltf>>,
     mut events: MessageReader<AssetEvent<Gltf>>,
     mut failures: MessageReader<AssetLoadFailedEvent<Gltf>>,
+    mut all: Local<bool>,
 ) {
     let path_of = |id: AssetId<Gltf>| models.0.iter().find(|(_, h)| h.id() == id).map(|(path, _)| path);
     for event in events.read() {
@@ -190,6 +196,10 @@ fn report_models(
         let (Some(gltf), Some(path)) = (assets.get(*id), path_of(*id)) else { continue };
         let levels = gltf.named_nodes.keys().filter(|name| name.starts_with("LOD") && !name.contains(' ')).count();
         say(&clock, json!({ "what": "loaded", "path": path, "levels": levels }));
+    }
+    if !*all && models.0.iter().all(|(_, handle)| assets.contains(handle)) {
+        *all = true;
+        say(&clock, json!({ "what": "all loaded" }));
     }
     for failure in failures.read() {
         let kept = assets.contains(failure.id);

@@ -19,7 +19,9 @@ fn two_games_with_one_cache_bake_a_model_once() {
     assert_eq!(games.iter().map(|game| game.count("started")).sum::<usize>(), 1);
     let files = [&first, &second].map(|p| fs::read(p.path("imported_assets/Default/ball.glb")).expect("processed"));
     assert!(files[0] == files[1]);
-    games.map(|game| game.quit());
+    for game in games {
+        game.quit();
+    }
 }
 
 #[test]

@@ -1,1 +1,80 @@
-//! Times of a running game, printed: `cargo test --test product -- --ignored --nocapture figures`.
+//! Times of a running game, printed and not judged: they depend on the machine.
+//!
+//! ```sh
+//! cargo test --test product -- --ignored --nocapture --test-threads=1 figures
+//! ```
+
+use std::time::{Duration, Instant};
+
+use super::model::{globe, globe_glb_coloured, heavy_glb, png};
+use super::project::Project;
+
+/// Time from the start of a game until it shows 1,000 models whose files are those of its last start.
+fn warm_start(options: &str) -> f64 {
+    let project = Project::new();
+    for i in 0..1000 {
+        project.save(&format!("assets/{:02}/{i:03}.glb", i / 100), globe_glb_coloured(4, i as f32 / 1000.0));
+    }
+    let all = |r: &serde_json::Value| r["what"] == "all loaded";
+    let mut first = project.run_with(options);
+    first.wait("all models", all);
+    if options.is_empty() {
+        first.wait("all models baked", |r| r["what"] == "settled" && r["models"] == 1000);
+    }
+    first.quit();
+    let best = (0..3).map(|_| {
+        let mut game = project.run_with(options);
+        let seconds = game.wait("all models", all)["t"].as_f64().expect("seconds");
+        assert_eq!(game.count("started"), 0);
+        game.quit();
+        seconds
+    });
+    best.fold(f64::INFINITY, f64::min)
+}
+
+#[test]
+#[ignore = "a figure"]
+fn figures_start_with_1000_unchanged_models() {
+    let [without, with] = ["plain: true", ""].map(warm_start);
+    println!("1,000 unchanged models: {with:.2} s, without the plugin {without:.2} s");
+}
+
+#[test]
+#[ignore = "a figure"]
+fn figures_saved_texture() {
+    let project = Project::new();
+    let save = |colour| project.save("assets/globe.png", png(colour));
+    let (json, bin) = globe(100);
+    project.save("assets/globe.gltf", json.to_string());
+    project.save("assets/globe.bin", bin);
+    save([200, 30, 30]);
+    // All that a bake has by default, at a size that does not take for ever.
+    project.save("config/simpliguard.ron", "(defaults: (faces: [500, 1000], texture_size: 256, views: 32))");
+    let mut game = project.run();
+    let cold = game.wait_for("finished", "globe.gltf")["seconds"].as_f64().expect("seconds");
+    game.wait_for_levels("globe.gltf", 2);
+    game.listen(Duration::from_secs(3));
+    let saved = Instant::now();
+    save([30, 30, 200]);
+    game.wait_for_levels("globe.gltf", 0);
+    let passed = saved.elapsed().as_secs_f64();
+    let baked = game.wait_for("finished", "globe.gltf")["seconds"].as_f64().expect("seconds");
+    game.wait_for_levels("globe.gltf", 2);
+    println!(
+        "a saved texture: new pixels after {passed:.2} s, new levels after {:.2} s",
+        saved.elapsed().as_secs_f64()
+    );
+    println!("the bake took {baked:.2} s, {:.0} % of a first one", 100.0 * baked / cold);
+    game.quit();
+}
+
+#[test]
+#[ignore = "a figure"]
+fn figures_one_large_model() {
+    let project = Project::new();
+    project.save("assets/ball.glb", heavy_glb(40, 500, 1));
+    let mut game = project.run();
+    game.wait_for_levels("ball.glb", 2);
+    let end = game.quit();
+    println!("500 MB: longest frame {:.0} ms", 1000.0 * end["worst_frame"].as_f64().expect("seconds"));
+}

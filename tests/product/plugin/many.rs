@@ -4,7 +4,7 @@ use super::model::globe_glb_coloured;
 use super::project::Project;
 
 /// A small bake.
-const TINY: &str = "(defaults: (faces: [40], quality: Draft, candidates: Source, views: 8, view_size: 32, texture_size: 64, \
+const TINY: &str = "(defaults: (faces: [40], quality: Draft, candidates: Source, views: 8, view_size: 128, texture_size: 64, \
                     normal_map: false), plugin: (threads: 2))";
 
 #[test]

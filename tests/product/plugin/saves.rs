@@ -141,7 +141,7 @@ fn saved_twice(megabytes: usize) {
         sleep(Duration::from_millis(700));
     }
     project.save("assets/ball.glb", globe_glb(44));
-    game.wait("the small one again", |r| r["what"] == "finished" && r["triangles"] == 2 * 44 * 44 - 2 * 44);
+    game.wait("the small one again", |r| r["what"] == "finished" && r["triangles"] == 2 * 44 * 44 - 44);
     game.wait_for_levels("ball.glb", 2);
     assert_eq!(game.count("failed"), 0);
     game.quit();

@@ -56,9 +56,20 @@ fn report_ranges(
     }
 }
 
-/// Plays the first clip of the first model once it has levels.
+/// Frames per second of the clip.
+const FRAME_RATE: f32 = 30.0;
+
+/// The clip that plays, and where it is.
+#[derive(Resource)]
+struct Clip {
+    node: AnimationNodeIndex,
+    frames: u32,
+    frame: u32,
+}
+
+/// Goes through the first clip of the first model frame by frame, again and again.
 pub(super) fn play_clip(app: &mut App) {
-    app.add_systems(Update, start_clip).add_systems(PostUpdate, report_joints.after(LodSystems));
+    app.add_systems(Update, (start_clip, step_clip).chain()).add_systems(PostUpdate, report_joints.after(LodSystems));
 }
 
 fn start_clip(
@@ -66,14 +77,27 @@ fn start_clip(
     players: Query<(Entity, &mut AnimationPlayer), Without<AnimationGraphHandle>>,
     models: Res<Models>,
     assets: Res<Assets<Gltf>>,
+    clips: Res<Assets<AnimationClip>>,
     mut graphs: ResMut<Assets<AnimationGraph>>,
 ) {
     let clip = models.0.first().and_then(|(_, handle)| assets.get(handle)?.animations.first().cloned());
     let Some(clip) = clip else { return };
+    let Some(duration) = clips.get(&clip).map(AnimationClip::duration) else { return };
     for (entity, mut player) in players {
         let (graph, node) = AnimationGraph::from_clip(clip.clone());
-        player.play(node).repeat();
+        player.play(node).pause();
+        commands.insert_resource(Clip { node, frames: (duration * FRAME_RATE).ceil() as u32 + 1, frame: 0 });
         commands.entity(entity).insert(AnimationGraphHandle(graphs.add(graph)));
+    }
+}
+
+fn step_clip(mut players: Query<&mut AnimationPlayer>, clip: Option<ResMut<Clip>>) {
+    let Some(mut clip) = clip else { return };
+    clip.frame = (clip.frame + 1) % clip.frames;
+    for mut player in &mut players {
+        if let Some(animation) = player.animation_mut(clip.node) {
+            animation.seek_to(clip.frame as f32 / FRAME_RATE);
+        }
     }
 }
 
@@ -83,7 +107,9 @@ fn report_joints(
     members: Query<(&LodMember, &SkinnedMesh)>,
     joints: Query<&GlobalTransform>,
     poses: Res<Assets<SkinnedMeshInverseBindposes>>,
+    clip: Option<Res<Clip>>,
 ) {
+    let Some(clip) = clip else { return };
     let matrices = |skin: &SkinnedMesh| -> Option<HashMap<Entity, Mat4>> {
         let poses = poses.get(&skin.inverse_bindposes)?;
         let pairs = skin.joints.iter().zip(poses.iter());
@@ -102,7 +128,11 @@ fn report_joints(
     }
     let pose: f32 = source.values().map(|m| m.abs_sum()).sum();
     if levels > 0 {
-        say(&clock, json!({ "what": "joints", "levels": levels, "apart": apart, "pose": pose }));
+        let (frame, frames) = (clip.frame, clip.frames);
+        let joints = json!({
+            "what": "joints", "levels": levels, "apart": apart, "pose": pose, "frame": frame, "frames": frames,
+        });
+        say(&clock, joints);
     }
 }
 

@@ -62,6 +62,8 @@ pub(super) struct Taken {
     pub(super) job: Job,
     /// Set when the result is of no use any more.
     pub(super) cancellation: Cancellation,
+    /// The result was brought where it belonged.
+    delivered: bool,
 }
 
 /// What became of a result.
@@ -77,6 +79,7 @@ pub(super) enum Delivery {
 struct Running {
     path: AssetPath<'static>,
     key: Key,
+    exchanges: bool,
     cancellation: Cancellation,
 }
 
@@ -85,6 +88,8 @@ struct Running {
 struct Wish {
     key: Key,
     passed: blake3::Hash,
+    /// Its result is in place.
+    met: bool,
 }
 
 #[derive(Debug, Default)]
@@ -105,7 +110,7 @@ pub(super) struct Queue {
 }
 
 impl Queue {
-    /// Adds a job in place of older ones for the same model.
+    /// Adds a job in place of older ones for the same model. One that runs already is left to it.
     pub(super) fn push(&self, job: Job) {
         let mut state = self.lock();
         if state.closed {
@@ -115,9 +120,16 @@ impl Queue {
         state.drop_waiting(&path);
         state.cancel_running(&path, Some(key));
         match job.goal {
-            Goal::Exchange(passed) => state.wishes.insert(path.clone(), Wish { key, passed }),
-            Goal::Answer(_) => state.wishes.remove(&path),
-        };
+            Goal::Exchange(passed) => {
+                state.wishes.insert(path.clone(), Wish { key, passed, met: false });
+                if job.missing.is_empty() && state.exchanges(&path, key) {
+                    return;
+                }
+            }
+            Goal::Answer(_) => {
+                state.wishes.remove(&path);
+            }
+        }
         state.waiting.push_back(job);
         self.changed.notify_all();
     }
@@ -144,8 +156,9 @@ impl Queue {
             {
                 let cancellation = Cancellation::default();
                 let (path, key) = (job.order.path.clone(), job.order.key);
-                state.running.push(Running { path, key, cancellation: cancellation.clone() });
-                return Some(Taken { job, cancellation });
+                let exchanges = matches!(job.goal, Goal::Exchange(_));
+                state.running.push(Running { path, key, exchanges, cancellation: cancellation.clone() });
+                return Some(Taken { job, cancellation, delivered: false });
             }
             let pause = state.recall(Instant::now());
             if pause.is_some_and(|pause| pause.is_zero()) {
@@ -164,9 +177,13 @@ impl Queue {
         let mut state = self.lock();
         let order = &taken.job.order;
         state.running.retain(|r| r.key != order.key || r.path != order.path);
-        let wanted = state.wishes.get(&order.path).is_some_and(|wish| wish.key == order.key);
+        let wish = state.wishes.get(&order.path).filter(|wish| wish.key == order.key);
+        let (wanted, met) = (wish.is_some(), wish.is_some_and(|wish| wish.met));
         if wanted && !taken.job.missing.is_empty() {
             state.later.push((Instant::now() + LOOK_AGAIN, taken.job));
+        } else if wanted && !met && taken.delivered {
+            // The processor has written the model once more since.
+            state.waiting.push_back(taken.job);
         }
         self.changed.notify_all();
     }
@@ -199,7 +216,7 @@ impl Queue {
     }
 
     /// Brings a result where it belongs. `file` is the model's processed file, `scratch` a folder on its file system.
-    pub(super) fn deliver(&self, taken: &Taken, glb: Bytes, file: &Path, scratch: &Path) -> io::Result<Delivery> {
+    pub(super) fn deliver(&self, taken: &mut Taken, glb: Bytes, file: &Path, scratch: &Path) -> io::Result<Delivery> {
         if let Goal::Answer(answer) = &taken.job.goal {
             let sent = answer.try_send(glb);
             return Ok(if sent.is_ok() { Delivery::Done } else { Delivery::Superseded });
@@ -221,6 +238,8 @@ impl Queue {
                 thread::sleep(EXCHANGE_PAUSE);
                 continue;
             }
+            wish.met = true;
+            taken.delivered = true;
             return Ok(Delivery::Done);
         }
         Err(io::Error::other("something else has written the processed file"))
@@ -232,6 +251,12 @@ impl Queue {
 }
 
 impl State {
+    /// Whether a worker is at a result and will put it in place.
+    fn exchanges(&self, path: &AssetPath<'static>, key: Key) -> bool {
+        let current = |r: &&Running| r.path == *path && r.key == key && r.exchanges;
+        self.running.iter().find(current).is_some_and(|r| !r.cancellation.is_cancelled())
+    }
+
     fn drop_waiting(&mut self, path: &AssetPath<'static>) {
         self.waiting.retain(|job| job.order.path != *path);
         self.later.retain(|(_, job)| job.order.path != *path);
@@ -289,6 +314,29 @@ mod tests {
     }
 
     #[test]
+    fn a_model_that_is_processed_again_unchanged_is_not_baked_again() {
+        let dir = tempfile::tempdir().expect("tempdir");
+        let file = dir.path().join("a.glb");
+        fs::write(&file, "source").expect("writes");
+        let queue = Queue::default();
+        queue.push(job("a.glb", "1"));
+        let mut taken = queue.take().expect("a job");
+        queue.push(job("a.glb", "1"));
+        assert!(queue.lock().waiting.is_empty() && !taken.cancellation.is_cancelled());
+        let levels = || Bytes::from_static(b"levels");
+        let delivery = queue.deliver(&mut taken, levels(), &file, dir.path());
+        assert_eq!(delivery.expect("exchanges"), Delivery::Done);
+        // The processor writes the model over the levels before the worker has ended.
+        fs::write(&file, "source").expect("writes");
+        queue.push(job("a.glb", "1"));
+        queue.release(taken);
+        let mut again = queue.take().expect("a job");
+        assert_eq!(queue.deliver(&mut again, levels(), &file, dir.path()).expect("exchanges"), Delivery::Done);
+        queue.release(again);
+        assert!(queue.lock().waiting.is_empty());
+    }
+
+    #[test]
     fn equal_models_are_baked_one_after_another() {
         let queue = Queue::default();
         queue.push(job("a.glb", "1"));
@@ -308,8 +356,9 @@ mod tests {
         fs::write(&file, "source").expect("writes");
         let queue = Queue::default();
         queue.push(job("a.glb", "1"));
-        let taken = queue.take().expect("a job");
-        let deliver = |bytes: &'static [u8]| queue.deliver(&taken, Bytes::from_static(bytes), &file, dir.path());
+        let mut taken = queue.take().expect("a job");
+        let mut deliver =
+            |bytes: &'static [u8]| queue.deliver(&mut taken, Bytes::from_static(bytes), &file, dir.path());
         assert_eq!(deliver(b"levels").expect("exchanges"), Delivery::Done);
         assert_eq!(fs::read(&file).expect("reads"), b"levels");
         assert_eq!(deliver(b"levels").expect("is there"), Delivery::Done);
@@ -327,9 +376,9 @@ mod tests {
         fs::write(&file, "sou").expect("writes");
         let queue = Queue::default();
         queue.push(job("a.glb", "1"));
-        let taken = queue.take().expect("a job");
+        let mut taken = queue.take().expect("a job");
         thread::scope(|scope| {
-            let exchange = scope.spawn(|| queue.deliver(&taken, Bytes::from_static(b"levels"), &file, dir.path()));
+            let exchange = scope.spawn(|| queue.deliver(&mut taken, Bytes::from_static(b"levels"), &file, dir.path()));
             thread::sleep(EXCHANGE_PAUSE * 2);
             assert_eq!(fs::read(&file).expect("reads"), b"sou");
             fs::write(&file, "source").expect("writes");
@@ -343,9 +392,9 @@ mod tests {
         let queue = Queue::default();
         let (awaited, answer) = Job::awaited(order("a.glb", "1"));
         queue.push(awaited);
-        let taken = queue.take().expect("a job");
+        let mut taken = queue.take().expect("a job");
         let glb = Bytes::from_static(b"levels");
-        let delivery = queue.deliver(&taken, glb.clone(), Path::new("none"), Path::new("none"));
+        let delivery = queue.deliver(&mut taken, glb.clone(), Path::new("none"), Path::new("none"));
         assert_eq!((delivery.expect("sends"), answer.recv_blocking()), (Delivery::Done, Ok(glb)));
         queue.release(taken);
         let (awaited, answer) = Job::awaited(order("b.glb", "1"));

@@ -10,7 +10,7 @@ use bevy::prelude::*;
 use bevy::tasks::block_on;
 use rayon::{ThreadPool, ThreadPoolBuilder};
 use simpliguard::{Context, Error, Progress, ProgressSink, Report, StageStore, Status};
-use simpliguard_cache::{BakeResult, Once, bake_key};
+use simpliguard_cache::{BakeResult, Notice, Once, bake_key};
 use thread_priority::ThreadPriority;
 
 use super::baker::{Baker, Order};
@@ -130,8 +130,11 @@ impl Worker {
         let (order, start) = (&taken.job.order, Instant::now());
         let bake = || self.bake(files, taken);
         let Some(cache) = &order.cache else { return Ok((bake()?, start.elapsed())) };
-        let waits = || debug!("{}: somebody else bakes it", order.path);
-        match cache.once(&order.key, &taken.cancellation, waits, || order.cached(), bake)? {
+        let tell = |notice: Notice| match notice {
+            Notice::Waits => debug!("{}: {notice}", order.path),
+            Notice::Shared(error) => warn!("{error}"),
+        };
+        match cache.once(&order.key, &taken.cancellation, tell, || order.cached(), bake)? {
             Once::Found(result) => Ok((result, Duration::ZERO)),
             Once::Made(result) => Ok((result, start.elapsed())),
             Once::Cancelled => Err(Stop::Superseded),

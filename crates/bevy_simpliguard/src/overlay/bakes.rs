@@ -54,13 +54,13 @@ pub(super) fn build(app: &mut App) {
 
 fn list(
     mut commands: Commands<'_, '_>,
-    list: Single<'_, '_, (Entity, &mut BakeList)>,
+    list: Single<'_, '_, (Entity, &mut BakeList, &mut Node)>,
     bakes: Option<Res<'_, Bakes>>,
     settings: Res<'_, OverlaySettings>,
     time: Res<'_, Time<Real>>,
 ) {
     let Some(bakes) = bakes else { return };
-    let (entity, mut list) = list.into_inner();
+    let (entity, mut list, mut node) = list.into_inner();
     if bakes.is_changed() {
         list.changed = Some(time.elapsed());
     }
@@ -68,6 +68,7 @@ fn list(
     let wanted = List::of(bakes.iter(), is_busy);
     if list.shown != wanted {
         commands.entity(entity).despawn_children().with_children(|parent| wanted.spawn(parent, settings.text_size));
+        node.display = if wanted.rows.is_empty() { Display::None } else { Display::Flex };
         list.shown = wanted;
     }
 }

@@ -42,7 +42,7 @@ fn spawn(commands: &mut Commands<'_, '_>, settings: &OverlaySettings) {
         max_width: percent(60),
         ..at(settings.corner)
     };
-    let background = BackgroundColor(Color::srgba(0.10, 0.11, 0.12, 0.82));
+    let background = BackgroundColor(Color::srgba(0.10, 0.11, 0.12, 0.92));
     commands.spawn((Panel, panel, background, GlobalZIndex(Z))).with_children(|panel| {
         panel.spawn((Figures::default(), text("", 1.15 * size, TEXT)));
         panel.spawn(Node { column_gap: px(size), flex_wrap: FlexWrap::Wrap, ..default() }).with_children(|legend| {
@@ -54,7 +54,12 @@ fn spawn(commands: &mut Commands<'_, '_>, settings: &OverlaySettings) {
         #[cfg(feature = "bake")]
         panel.spawn((
             super::bakes::BakeList::default(),
-            Node { flex_direction: FlexDirection::Column, row_gap: px(0.25 * size), ..default() },
+            Node {
+                flex_direction: FlexDirection::Column,
+                row_gap: px(0.25 * size),
+                display: Display::None,
+                ..default()
+            },
         ));
     });
 }

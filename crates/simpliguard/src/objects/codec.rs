@@ -1,10 +1,12 @@
 //! Bytes of objects: numbers and slices one behind the other.
 
 use bytemuck::{AnyBitPattern, NoUninit, Pod};
+use glam::Vec3;
 
 use super::Object;
 use crate::mesh::TriMesh;
 use crate::reconstruct;
+use crate::refine::Refined;
 use crate::shape::{Cards, Deviation, Road, Shape};
 use crate::unwrap::Atlas;
 
@@ -186,6 +188,28 @@ impl Object for Deviation {
     }
 }
 
+impl Object for Vec<Vec3> {
+    fn write(&self, writer: &mut Writer) {
+        writer.slice(self);
+    }
+
+    fn read(reader: &mut Reader<'_>) -> Option<Self> {
+        reader.slice()
+    }
+}
+
+impl Object for Refined {
+    fn write(&self, writer: &mut Writer) {
+        let Self { psnr_initial, psnr_texture, psnr } = *self;
+        writer.number([psnr_initial, psnr_texture, psnr]);
+    }
+
+    fn read(reader: &mut Reader<'_>) -> Option<Self> {
+        let [psnr_initial, psnr_texture, psnr] = reader.number()?;
+        Some(Self { psnr_initial, psnr_texture, psnr })
+    }
+}
+
 impl Object for Atlas {
     fn write(&self, writer: &mut Writer) {
         let Self { uvs, chart, charts, fill, stretch, texels_per_unit } = self;
@@ -204,7 +228,7 @@ impl Object for Atlas {
 
 #[cfg(test)]
 mod tests {
-    use glam::{Vec2, Vec3};
+    use glam::Vec2;
 
     use super::super::{decode, encode};
     use super::*;

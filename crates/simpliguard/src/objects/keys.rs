@@ -5,13 +5,13 @@ use bytemuck::cast_slice;
 use crate::chain::stage;
 use crate::mesh::TriMesh;
 use crate::model::{Bone, Document, Influences, Model, Pose, Surface};
-use crate::settings::BakeSettings;
+use crate::settings::{BakeSettings, SourceGeometry};
 use crate::shape::{Inputs, Params, Road};
 use crate::unwrap::UnwrapParams;
 use crate::{Key, KeyBuilder, Source, StageId};
 
 /// The content of all files of a source.
-fn content_key(source: &Source<'_>, model: &Model) -> Key {
+pub(crate) fn content_key(source: &Source<'_>, model: &Model) -> Key {
     let Document { buffers, images, .. } = &model.document;
     let key = KeyBuilder::for_stage(stage(StageId::Import)).input(source.bytes);
     let key = buffers.iter().fold(key, |key, buffer| key.input(buffer));
@@ -25,9 +25,9 @@ fn content_key(source: &Source<'_>, model: &Model) -> Key {
 }
 
 /// The shapes of a bake and their deviations.
-pub(crate) fn shapes_key(source: &Source<'_>, model: &Model, settings: &BakeSettings) -> Key {
+pub(crate) fn shapes_key(content: &Key, settings: &BakeSettings) -> Key {
     KeyBuilder::for_stage(stage(StageId::Shape))
-        .key(&content_key(source, model))
+        .key(content)
         .settings(&settings.canonical(StageId::Reconstruct))
         .settings(&settings.canonical(StageId::Shape))
         .finish()
@@ -90,6 +90,17 @@ fn with_surface(key: KeyBuilder, surface: &Surface) -> KeyBuilder {
         .input(cast_slice(material))
 }
 
+/// Where descent leaves the vertices of a level.
+pub(crate) fn descent_key(content: &Key, settings: &BakeSettings, budget: u32) -> Key {
+    // What is only read when a level is finished.
+    let read = BakeSettings { normal_map: true, source: SourceGeometry::Keep, ..settings.clone() };
+    KeyBuilder::for_stage(stage(StageId::Refine))
+        .key(content)
+        .settings(&read.canonical_bake())
+        .settings(format!("budget={budget}\n").as_bytes())
+        .finish()
+}
+
 /// The atlas of a mesh.
 pub(crate) fn atlas_key(mesh: &TriMesh, params: &UnwrapParams) -> Key {
     let UnwrapParams { size, gutter } = params;
@@ -140,9 +151,7 @@ mod tests {
 
     #[test]
     fn later_settings_are_in_no_key_of_shapes() {
-        let model = Model::empty("a");
-        let source = Source { name: "a", bytes: b"glTF", resources: &crate::NoResources };
-        let key = |settings: &BakeSettings| shapes_key(&source, &model, settings);
+        let key = |settings: &BakeSettings| shapes_key(&KeyBuilder::new("1").finish(), settings);
         let base = BakeSettings::default();
         for later in [
             BakeSettings { texture_size: 64, ..base.clone() },
@@ -161,6 +170,16 @@ mod tests {
         }
     }
 
+    #[test]
+    fn only_settings_of_the_finish_are_in_no_key_of_descent() {
+        let key = |settings: &BakeSettings| descent_key(&KeyBuilder::new("1").finish(), settings, 1000);
+        let base = BakeSettings::default();
+        assert_eq!(key(&BakeSettings { normal_map: false, ..base.clone() }), key(&base));
+        assert_eq!(key(&BakeSettings { source: SourceGeometry::Drop, ..base.clone() }), key(&base));
+        assert_ne!(key(&BakeSettings { gutter: 2, ..base.clone() }), key(&base));
+        assert_ne!(descent_key(&KeyBuilder::new("1").finish(), &base, 2000), key(&base));
+    }
+
     /// Fails when the encoding changes, or when a version is raised: then these become the new ones.
     #[test]
     fn the_encoding_is_stable() {
@@ -170,6 +189,9 @@ mod tests {
             road_key(&KeyBuilder::new("1").finish(), &params(), road),
             atlas_key(&mesh, &UnwrapParams { size: 512, gutter: 4 }),
         ];
-        assert_eq!((PIPELINE_VERSION, keys.map(|key| key.hex()[..16].to_owned())), ("2", ["", ""].map(str::to_owned)));
+        assert_eq!(
+            (PIPELINE_VERSION, keys.map(|key| key.hex()[..16].to_owned())),
+            ("2", ["829d5541d7a6c2c9", "e8a2079cdcb2bbc4"].map(str::to_owned))
+        );
     }
 }

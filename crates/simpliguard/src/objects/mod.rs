@@ -1,11 +1,12 @@
 //! What stages leave behind for later bakes: keys and encoding.
 //!
-//! Three kinds of objects pay for their space, because they cost much, are small, and most changes leave them as they
+//! Four kinds of objects pay for their space, because they cost much, are small, and most changes leave them as they
 //! are:
 //!
 //! - what a road leads to, which depends on the form of the model alone: a saved texture finds it again;
 //! - the shapes that win, which depend on what the model looks like, too: a setting of a later stage finds them again;
-//! - the atlas of a mesh.
+//! - the atlas of a mesh;
+//! - where descent leaves the vertices of a level: a setting of its finish finds it again, as does a bake that was stopped.
 //!
 //! An object's key holds the version of the chain and of its stage, the content that the stage reads, and the settings
 //! that it reads. Objects are in the machine's own byte order: they stay on the machine that made them.
@@ -15,7 +16,7 @@ mod keys;
 
 use codec::{Reader, Writer};
 
-pub(crate) use keys::{atlas_key, form_key, road_key, shapes_key};
+pub(crate) use keys::{atlas_key, content_key, descent_key, form_key, road_key, shapes_key};
 
 use crate::{Context, Error, Key};
 

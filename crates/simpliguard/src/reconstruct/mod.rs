@@ -53,7 +53,7 @@ impl Params {
 
     /// Far enough from the source that parts which lie close together grow into one: few handles.
     pub fn thick(resolution: u32) -> Self {
-        Self { offset: 1.5, keep: 0.08, ..Self::new(resolution) }
+        Self { offset: 1.5, ..Self::new(resolution) }
     }
 
     /// Side of a cell in metres, for a mesh all of whose vertices are in use.

@@ -269,7 +269,7 @@ settings! {
     /// Whether faces that no ray from outside reaches are dropped.
     remove_invisible: bool = always(true), Limit::None, [Shape];
     /// How much of a quadric's weight depends on how visible its faces are; 0 weighs all faces by area alone.
-    visible_weight: f32 = always(0.8), Limit::Between(0.0, 1.0), [Shape];
+    visible_weight: f32 = always(0.9), Limit::Between(0.0, 1.0), [Shape];
     /// Weight of the curvature quadric (alpha in the paper), which keeps faces where the surface bends.
     curvature: f32 = always(0.0), Limit::Between(0.0, 10.0), [Shape];
     /// Materials whose faces count more, or less, than others, such as `[(material: "*Face*", weight: 4.0)]`; the last that

@@ -57,6 +57,12 @@ pub struct CacheSettings {
     /// Most bytes that are kept; what was used longest ago goes first.
     #[serde(deserialize_with = "max_size")]
     pub max_size: Option<u64>,
+    /// Where results of other machines come from and ours go to: a folder, relative to the project's folder, or an address
+    /// such as `s3://bucket/folder`.
+    #[serde(with = "serde_with::rust::unwrap_or_skip")]
+    pub shared: Option<String>,
+    /// Whether nothing is stored there.
+    pub shared_read_only: bool,
 }
 
 /// When a game that bakes its own models sees the levels.
@@ -187,7 +193,7 @@ mod tests {
             (glob: "props/*.glb", settings: (gutter: 3)),
         ],
         profiles: {"vr": (quality: Best)},
-        cache: (dir: "../cache", max_size: "1.5 GiB"),
+        cache: (dir: "../cache", max_size: "1.5 GiB", shared: "s3://levels", shared_read_only: true),
         plugin: (mode: Blocking, threads: 3),
     )"#;
 
@@ -206,6 +212,8 @@ mod tests {
         );
         assert_eq!(file.project.cache.dir.as_deref(), Some("../cache"));
         assert_eq!(file.project.cache.max_size, Some(3 << 29));
+        assert_eq!(file.project.cache.shared.as_deref(), Some("s3://levels"));
+        assert!(file.project.cache.shared_read_only);
         assert_eq!((file.project.mode, file.project.threads), (Some(BakeMode::Blocking), NonZeroU32::new(3)));
     }
 

@@ -103,7 +103,7 @@ mod tests {
     #[test]
     fn a_tangled_shape_wins_by_a_decibel_or_alone() {
         assert_eq!(winner(&[shape(1.0, 1e-3, 0), shape(0.85, 1e-3, 9)]), 1.0);
-        assert_eq!(winner(&[shape(1.0, 1e-3, 1), shape(0.75, 1e-3, 9)]), 0.75);
+        assert_eq!(winner(&[shape(1.0, 1e-3, 1), shape(0.7, 1e-3, 9)]), 0.7);
         assert_eq!(winner(&[shape(0.85, 1e-3, 9)]), 0.85);
     }
 

@@ -7,6 +7,7 @@
 use glam::{Mat3, Vec3};
 
 use super::{Gauge, Inputs, Params, Road, Shape, collapse_dense, visibility, weld};
+use crate::Context;
 use crate::mesh::{DisjointSets, TriMesh, bounds};
 
 /// Group of faces that are no card, and of triangles that are no leaf.
@@ -118,7 +119,7 @@ impl Foliage {
         let pixels: Vec<u32> =
             self.pixels.iter().zip(&self.is_leaf).filter(|(_, leaf)| !**leaf).map(|(&n, _)| n).collect();
         let params = Params { budgets: vec![budget], remove_invisible: false, ..params.clone() };
-        let shapes = collapse_dense(inputs, &params, Road::Cards, &kept, &pixels, true);
+        let shapes = collapse_dense(inputs, &params, Road::Cards, &kept, &pixels, true, &Context::default());
         shapes.into_iter().map(|s| s.mesh).find(|m| m.triangles.len() <= budget as usize).unwrap_or_default()
     }
 

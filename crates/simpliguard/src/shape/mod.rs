@@ -30,7 +30,7 @@ use crate::render::{Frame, Motions, View};
 use crate::rig::{self, Donor, Poses, Transfer};
 use crate::{Bvh, Context, Error, StageId};
 use collapse::Simplifier;
-use contest::Contest;
+use contest::{Contest, is_tangled};
 use deviation::Gauge;
 
 pub use deviation::Deviation;
@@ -263,6 +263,7 @@ fn walk_all(
             if faces == 0 || faces > budget as usize {
                 continue;
             }
+            context.check(&inputs.model.name)?;
             judges.judge(inputs, &mut shape);
             let Shape { road, render_error: error, deviation, self_intersecting: tangled, .. } = &shape;
             tracing::debug!(%road, budget, faces, error, distance = deviation.mean, tangled, "candidate");
@@ -276,12 +277,13 @@ fn walk_all(
 fn walk(inputs: &Inputs<'_>, params: &Params, road: Road, context: &Context<'_>) -> Result<Vec<Shape>, Error> {
     let Dense { mesh, pixels, double_sided } = dense(inputs, params, road);
     context.check(&inputs.model.name)?;
-    let shapes = collapse_dense(inputs, params, road, &mesh, &pixels, double_sided);
+    let shapes = collapse_dense(inputs, params, road, &mesh, &pixels, double_sided, context);
     context.check(&inputs.model.name)?;
     Ok(shapes)
 }
 
 /// Collapses a mesh to each budget; some roads offer several shapes, the second for each behind the first for all.
+/// Anything if cancelled.
 fn collapse_dense(
     inputs: &Inputs<'_>,
     params: &Params,
@@ -289,6 +291,7 @@ fn collapse_dense(
     mesh: &TriMesh,
     pixels: &[u32],
     double_sided: bool,
+    context: &Context<'_>,
 ) -> Vec<Shape> {
     let unit = to_unit_sphere(mesh, &inputs.frame);
     let mut weights = face_weights(&unit, pixels, params.visible_weight);
@@ -296,10 +299,14 @@ fn collapse_dense(
         weights.iter_mut().zip(importance.of_faces(mesh, inputs.bvh)).for_each(|(weight, factor)| *weight *= factor);
     }
     let mut simplifier = Simplifier::new(&unit, &weights, params.curvature);
+    simplifier.stop_with(&context.cancellation);
     let largest = params.budgets.last().copied().unwrap_or(0) as usize;
     if params.remove_invisible {
         simplifier.drop_negligible_components(largest, NEGLIGIBLE_FACES);
         simplifier.run(ENCLOSED_AT * largest);
+        if context.cancellation.is_cancelled() {
+            return Vec::new();
+        }
         simplifier.remove_faces(&enclosed(inputs, &simplifier.mesh(), double_sided));
     } else if inputs.poses.is_some() {
         simplifier.run(ENCLOSED_AT * largest);
@@ -308,6 +315,11 @@ fn collapse_dense(
         simplifier.follow(poses.count(), |unit| motions_in_unit_sphere(inputs, poses, unit));
     }
     let down = |simplifier: &mut Simplifier| down_to_budgets(simplifier, inputs, params, road, double_sided);
+    // Parts of a source may pass through each other: collapses cannot mend that, and would be stuck on it.
+    let dense = simplifier.mesh();
+    if is_tangled(dense.triangles.len(), tangled_faces(&dense)) {
+        return down(&mut simplifier);
+    }
     let mut unwatched = simplifier.clone();
     simplifier.watch_intersections();
     let mut shapes = down(&mut simplifier);

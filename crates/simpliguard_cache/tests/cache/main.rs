@@ -2,5 +2,6 @@
 
 mod folder;
 mod limits;
+mod shared;
 mod store;
 mod trouble;

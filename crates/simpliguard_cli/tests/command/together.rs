@@ -4,7 +4,7 @@ use std::fs;
 use std::io::{BufRead, BufReader};
 use std::process::{Child, Command, Stdio};
 
-use crate::bake::QUICK;
+use crate::bake::{QUICK, quick};
 use crate::folder::{Folder, sphere};
 
 #[test]
@@ -54,4 +54,19 @@ fn the_bake_of_a_process_that_dies_is_taken_over() {
     read_until(&mut waiting_says, "baked in");
     assert!(waiting.wait().expect("ends").success());
     assert!(folder.path("b/ball.glb").exists() && !folder.path("a").exists());
+}
+
+#[test]
+fn machines_share_results_through_a_folder() {
+    let folder = Folder::new().with("ball.glb", sphere(16)).with("server/readme.txt", "");
+    let status = |cache: &str, shared: &str| {
+        let run =
+            quick(&folder, &["ball.glb", "--faces", "100", "--json", "--cache-dir", cache, "--shared-cache", shared]);
+        (run.json()["assets"][0]["status"].as_str().expect("a status").to_owned(), run.stderr)
+    };
+    assert_eq!(status("a", "server").0, "baked");
+    assert_eq!(status("b", "server").0, "hit");
+    let (baked, stderr) = status("c", "nowhere");
+    assert_eq!(baked, "baked");
+    assert!(stderr.contains("warning: shared cache: cannot read from nowhere: there is no such folder"), "{stderr}");
 }

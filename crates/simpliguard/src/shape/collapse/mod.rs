@@ -22,6 +22,7 @@ use self::motion::InMotion;
 use self::placement::part_of_way;
 use self::queue::{Precision, Queue};
 use super::quadric::{Attribute, Planes, Quadric};
+use crate::Cancellation;
 use crate::mesh::{FaceTree, TriMesh};
 
 /// End of a corner list, and a dead face's vertex.
@@ -57,13 +58,12 @@ pub(super) struct Simplifier {
     tree: Option<FaceTree>,
     /// A budget could only be met by faces that cross.
     stuck: bool,
-    /// Needles cost more than their error.
-    avoids_needles: bool,
     /// Scratch for the link condition.
     marks: Vec<u32>,
     mark: u32,
     /// Scratch for a collapse: corners that stay.
     kept: Vec<u32>,
+    cancellation: Cancellation,
 }
 
 /// A face, dead if its first vertex is [`NONE`].
@@ -114,10 +114,10 @@ impl Simplifier {
             in_motion: None,
             tree: None,
             stuck: false,
-            avoids_needles: false,
             marks: vec![0; vertices],
             mark: 0,
             kept: Vec::new(),
+            cancellation: Cancellation::default(),
         };
         for (corner, &v) in mesh.triangles.iter().flatten().enumerate() {
             out.faces[corner / 3].next[corner % 3] = out.first[v as usize];
@@ -129,6 +129,11 @@ impl Simplifier {
         out
     }
 
+    /// Leaves faces where they are once `cancellation` is set.
+    pub(super) fn stop_with(&mut self, cancellation: &Cancellation) {
+        self.cancellation = cancellation.clone();
+    }
+
     /// Collapses until at most `target` faces are left or nothing more can be done; returns the number left.
     pub(super) fn run(&mut self, target: usize) -> usize {
         let strict = Rules { max_turn: MAX_TURN, may_intersect: false };
@@ -138,17 +143,21 @@ impl Simplifier {
         }
         self.fill_queue(Precision::Fine);
         self.collapse_to(target, strict);
-        if self.live_faces > target && self.tree.is_some() {
+        if self.has_to_go_on(target) && self.tree.is_some() {
             self.stuck = true;
             self.fill_queue(Precision::Fine);
             self.collapse_to(target, Rules { max_turn: MAX_TURN, may_intersect: true });
         }
-        if self.live_faces > target {
+        if self.has_to_go_on(target) {
             self.fill_queue(Precision::Fine);
             self.collapse_to(target, Rules { max_turn: -1.0, may_intersect: true });
             self.drop_smallest_components(target);
         }
         self.live_faces
+    }
+
+    fn has_to_go_on(&self, target: usize) -> bool {
+        self.live_faces > target && !self.cancellation.is_cancelled()
     }
 
     /// The mesh as it stands.
@@ -232,7 +241,6 @@ impl Simplifier {
     }
 
     fn fill_queue(&mut self, precision: Precision) {
-        self.avoids_needles = matches!(precision, Precision::Fine);
         let faces: Vec<u32> = self.live().collect();
         let this = &*self;
         let entries: Vec<Entry> = faces
@@ -254,8 +262,7 @@ impl Simplifier {
 
     fn entry(&self, u: u32, v: u32) -> Entry {
         let (u, v) = (u.min(v), u.max(v));
-        let (place, error) = self.placement(u, v);
-        Entry { cost: self.cost(u, v, place, error), u, v, stamp: self.stamp(u, v), refused: 0 }
+        Entry { cost: self.placement(u, v).1 as f32, u, v, stamp: self.stamp(u, v), refused: 0 }
     }
 
     fn stamp(&self, u: u32, v: u32) -> u32 {
@@ -263,7 +270,7 @@ impl Simplifier {
     }
 
     fn collapse_to(&mut self, target: usize, rules: Rules) {
-        while self.live_faces > target {
+        while self.has_to_go_on(target) {
             let Some(entry) = self.queue.pop() else { return };
             let (u, v) = (entry.u, entry.v);
             if self.stamp(u, v) != entry.stamp {

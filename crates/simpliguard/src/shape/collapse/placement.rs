@@ -1,14 +1,8 @@
-//! Where an edge collapses to, and at what cost.
-//!
-//! Quadrics know how far vertices are from the planes they stand for, not how far the insides of the faces between them
-//! are: near the budget a collapse that leaves needles costs more than its error.
+//! Where an edge collapses to, and at what error.
 
 use glam::DVec3;
 
 use super::{Entry, Simplifier};
-
-/// Twice a face's area over its longest edge squared, 0.87 if equilateral, below which a collapse costs more.
-const NEEDLE: f64 = 0.3;
 
 /// Where `p` projects onto the edge from `a` to `b`, 0 to 1.
 pub(super) fn part_of_way(a: DVec3, b: DVec3, p: DVec3) -> f64 {
@@ -43,30 +37,10 @@ impl Simplifier {
         }
     }
 
-    /// What a collapse to `place` costs that has this error.
-    pub(super) fn cost(&self, u: u32, v: u32, place: DVec3, error: f64) -> f32 {
-        let least = if self.avoids_needles { self.least_quality(u, v, place).max(1e-3) } else { NEEDLE };
-        (error * NEEDLE / least) as f32
-    }
-
-    /// Of the faces that a collapse to `place` leaves around it, at most [`NEEDLE`].
-    fn least_quality(&self, u: u32, v: u32, place: DVec3) -> f64 {
-        let quality = |(f, k): (u32, usize)| {
-            let face = self.face(f);
-            if face.contains(&u) && face.contains(&v) {
-                return NEEDLE;
-            }
-            let [a, b] = [face[(k + 1) % 3], face[(k + 2) % 3]].map(|w| self.positions[w as usize]);
-            let longest = (a - place).length_squared().max((b - place).length_squared()).max((a - b).length_squared());
-            (a - place).cross(b - place).length() / longest.max(f64::MIN_POSITIVE)
-        };
-        self.faces_of(u).chain(self.faces_of(v)).map(quality).fold(NEEDLE, f64::min)
-    }
-
     /// Puts an entry whose place was refused back at the error of its next place, if it has one.
     pub(super) fn push_next_place(&mut self, entry: &Entry) {
-        if let Some(&(place, error)) = self.other_places(entry.u, entry.v).get(entry.refused as usize) {
-            let cost = entry.cost.max(self.cost(entry.u, entry.v, place, error));
+        if let Some(&(_, error)) = self.other_places(entry.u, entry.v).get(entry.refused as usize) {
+            let cost = entry.cost.max(error as f32);
             self.queue.push(cost, Entry { cost, refused: entry.refused + 1, ..*entry });
         }
     }

@@ -1,0 +1,179 @@
+//! What a change of level does to the picture: a camera comes closer to a model that shows all its levels in turn, and no
+//! frame may differ from the one before by much more than its neighbours do.
+
+use std::path::Path;
+use std::time::Duration;
+
+use bevy::asset::io::memory::{Dir, MemoryAssetReader};
+use bevy::asset::io::{AssetSourceBuilder, AssetSourceId};
+use bevy::camera::RenderTarget;
+use bevy::core_pipeline::core_3d::Opaque3d;
+use bevy::prelude::*;
+use bevy::render::RenderApp;
+use bevy::render::render_phase::{BinnedRenderPhase, ViewBinnedRenderPhases};
+use bevy::render::render_resource::TextureFormat;
+use bevy::render::view::screenshot::{Screenshot, ScreenshotCaptured};
+use bevy::window::ExitCondition;
+use bevy::winit::WinitPlugin;
+use bevy_simpliguard::lod::{LodPlugin, LodSettings, LodStats, SimpliguardLods};
+use simpliguard::settings::{BakeSettings, Quality};
+use simpliguard::{Context, NoResources, Source, bake};
+
+/// Frames of the camera's move.
+const FRAMES: usize = 200;
+/// Side of the picture in pixels.
+const SIDE: u32 = 360;
+/// Distances of the camera from the octopus at the first and last frame: its diagonal of 1.1 m is 130 and 1,200 pixels long.
+const WAY: (f32, f32) = (4.0, 0.92);
+/// A frame whose difference from the one before is more than this many times the median of its neighbours' is a pop.
+const POP: f64 = 3.0;
+/// Neighbours on each side of a frame.
+const NEIGHBOURS: usize = 5;
+
+#[test]
+#[ignore = "draws 400 pictures: needs a Vulkan driver and some minutes"]
+fn levels_do_not_pop() {
+    let mut scene = Scene::new(octopus());
+    let (with, levels) = scene.approach(true);
+    let (without, _) = scene.approach(false);
+    let (worst, worst_without) = (worst(&with), worst(&without));
+    println!(
+        "levels {levels:?}; worst ratio {:.2} at frame {}, without levels {:.2}",
+        worst.1, worst.0, worst_without.1
+    );
+    assert!(levels.len() > 2 && levels.first() == Some(&1) && levels.last() == Some(&0), "{levels:?}");
+    assert!(worst.1 < POP, "frame {} pops: {:.2} times the difference of its neighbours", worst.0, worst.1);
+}
+
+#[test]
+#[ignore = "needs a Vulkan driver"]
+fn instances_of_a_level_batch() {
+    let mut scene = Scene::new(octopus());
+    let world = scene.app.world_mut();
+    let handle = world.get::<WorldAssetRoot>(scene.model).expect("a model").0.clone();
+    for i in 1..20 {
+        world.spawn((WorldAssetRoot(handle.clone()), Transform::from_xyz(0.1 * i as f32, -0.2, 0.0)));
+    }
+    world.resource_mut::<LodSettings>().force = Some(1);
+    world.entity_mut(scene.camera).insert(Transform::from_xyz(0.0, 0.0, 5.0));
+    (0..50).for_each(|_| scene.app.update());
+    assert_eq!(scene.app.world().resource::<LodStats>().levels[1].groups, 20);
+    let phases = scene.app.sub_app(RenderApp).world().resource::<ViewBinnedRenderPhases<Opaque3d>>();
+    let draws = |phase: &BinnedRenderPhase<Opaque3d>| {
+        (phase.multidrawable_meshes.len() + phase.batchable_meshes.len(), phase.unbatchable_meshes.len())
+    };
+    assert_eq!(phases.values().map(draws).collect::<Vec<_>>(), [(1, 0)]);
+}
+
+/// The octopus with its levels.
+fn octopus() -> Vec<u8> {
+    let bytes = std::fs::read(concat!(env!("CARGO_MANIFEST_DIR"), "/assets/octopus.glb")).expect("in the repository");
+    let source = Source { name: "octopus", bytes: &bytes, resources: &NoResources };
+    let settings = BakeSettings { normal_map: false, ..BakeSettings::preset(Quality::Draft) };
+    bake(&source, &settings, &Context::default()).expect("bakes").glb
+}
+
+/// The frame with the largest ratio between its difference and the median of its neighbours', and that ratio.
+fn worst(differences: &[f64]) -> (usize, f64) {
+    let ratio = |i: usize| {
+        let near = i.saturating_sub(NEIGHBOURS)..(i + NEIGHBOURS + 1).min(differences.len());
+        let mut others: Vec<f64> = near.filter(|&k| k != i).map(|k| differences[k]).collect();
+        others.sort_by(f64::total_cmp);
+        differences[i] / others[others.len() / 2]
+    };
+    let ratios = (0..differences.len()).map(|i| (i + 1, ratio(i)));
+    ratios.max_by(|a, b| a.1.total_cmp(&b.1)).expect("differences")
+}
+
+/// An app that draws a model into a picture, without a window.
+struct Scene {
+    app: App,
+    target: Handle<Image>,
+    camera: Entity,
+    model: Entity,
+}
+
+#[derive(Resource, Default)]
+struct Captured(Option<Vec<u8>>);
+
+impl Scene {
+    fn new(glb: Vec<u8>) -> Self {
+        let (mut app, dir) = (App::new(), Dir::default());
+        dir.insert_asset(Path::new("model.glb"), glb);
+        app.register_asset_source(
+            AssetSourceId::Default,
+            AssetSourceBuilder::new(move || Box::new(MemoryAssetReader { root: dir.clone() })),
+        );
+        let window = WindowPlugin { primary_window: None, exit_condition: ExitCondition::DontExit, ..default() };
+        let plugins = DefaultPlugins.set(window).disable::<WinitPlugin>();
+        app.add_plugins((plugins, LodPlugin::default())).init_resource::<Captured>();
+        app.finish();
+        app.cleanup();
+        let target = Image::new_target_texture(SIDE, SIDE, TextureFormat::Rgba8UnormSrgb, None);
+        let world = app.world_mut();
+        let target = world.resource_mut::<Assets<Image>>().add(target);
+        let camera = world.spawn((Camera3d::default(), RenderTarget::Image(target.clone().into()))).id();
+        world.spawn((DirectionalLight::default(), Transform::from_xyz(3.0, 4.0, 5.0).looking_at(Vec3::ZERO, Vec3::Y)));
+        let scene = world.resource::<AssetServer>().load("model.glb#Scene0");
+        let model = world.spawn((WorldAssetRoot(scene), Transform::from_xyz(0.0, -0.2, 0.0))).id();
+        let mut scene = Self { app, target, camera, model };
+        while scene.lods().is_none_or(|lods| lods.levels.is_empty()) {
+            scene.app.update();
+            std::thread::sleep(Duration::from_millis(5));
+        }
+        // Pipelines are compiled and textures uploaded as they are needed.
+        for level in [0, 1, 2, 3] {
+            scene.app.world_mut().resource_mut::<LodSettings>().force = Some(level);
+            (0..20).for_each(|_| scene.app.update());
+        }
+        scene.app.world_mut().resource_mut::<LodSettings>().force = None;
+        scene
+    }
+
+    fn lods(&self) -> Option<&SimpliguardLods> {
+        self.app.world().get(self.model)
+    }
+
+    /// Moves the camera all the way. Differences between successive frames, and the levels that were seen.
+    fn approach(&mut self, enabled: bool) -> (Vec<f64>, Vec<u32>) {
+        self.app.world_mut().resource_mut::<LodSettings>().enabled = enabled;
+        let (mut differences, mut levels) = (Vec::new(), Vec::new());
+        let mut last: Option<Vec<u8>> = None;
+        for frame in 0..FRAMES {
+            let t = frame as f32 / (FRAMES - 1) as f32;
+            // Each frame brings the model closer by the same factor.
+            let distance = WAY.0 * (WAY.1 / WAY.0).powf(t);
+            let place = Transform::from_translation(distance * Vec3::new(0.3, 0.35, 0.89).normalize());
+            let world = self.app.world_mut();
+            world.entity_mut(self.camera).insert(place.looking_at(Vec3::ZERO, Vec3::Y));
+            let picture = self.picture();
+            if let Some(last) = &last {
+                differences.push(difference(last, &picture));
+            }
+            last = Some(picture);
+            levels.extend(self.lods().map(|lods| lods.current));
+        }
+        levels.dedup();
+        (differences, levels)
+    }
+
+    fn picture(&mut self) -> Vec<u8> {
+        // The screenshot shows the frame that it is asked for in.
+        let world = self.app.world_mut();
+        world.spawn(Screenshot::image(self.target.clone())).observe(
+            |shot: On<ScreenshotCaptured>, mut captured: ResMut<Captured>| captured.0 = shot.image.data.clone(),
+        );
+        loop {
+            self.app.update();
+            if let Some(picture) = self.app.world_mut().resource_mut::<Captured>().0.take() {
+                return picture;
+            }
+        }
+    }
+}
+
+/// Root of the mean squared difference of colours.
+fn difference(a: &[u8], b: &[u8]) -> f64 {
+    let squared: f64 = a.iter().zip(b).map(|(x, y)| (f64::from(*x) - f64::from(*y)).powi(2)).sum();
+    (squared / a.len() as f64).sqrt()
+}
