@@ -102,6 +102,7 @@ fn shape_of(bencher: Bencher<'_, '_>, model: &Model) {
         remove_invisible: true,
         visible_weight: 0.9,
         curvature: 0.0,
+        joint_planes: shape::JointPlanes::default(),
     };
     bencher.counter(ItemsCount::new(surface.triangles.len())).bench_local(|| {
         let bvh = Bvh::new(&surface.positions, &surface.triangles);

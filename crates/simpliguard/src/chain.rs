@@ -11,8 +11,8 @@ use crate::model::{Level, Model, SMALLEST_EXTENT};
 use crate::objects::{content_key, shapes_key};
 use crate::refine::Refined;
 use crate::render::{Frame, SurfaceSampler, View, take_posed_views, take_views, viewpoints};
-use crate::rig::{Donor, Poses};
-use crate::settings::{BakeSettings, Candidates, ExistingLods, Resolution};
+use crate::rig::{self, Donor, Poses};
+use crate::settings::{BakeSettings, Candidates, ExistingLods, JointPlanes, MorphTargets, Resolution};
 use crate::shape::{self, Deviation};
 use crate::targets::Targets;
 use crate::{Bvh, Context, Error, Source, StageId, content_hash, reconstruct};
@@ -45,12 +45,6 @@ pub const STAGES: [Stage; 8] = [
     Stage { id: StageId::Refine, version: 1, purpose: "differentiable rendering of texture and vertices" },
     Stage { id: StageId::Export, version: 1, purpose: "levels and source as one binary glTF" },
 ];
-
-/// A link of the chain by its name.
-pub(crate) fn stage(id: StageId) -> &'static Stage {
-    let found = STAGES.iter().find(|stage| stage.id == id);
-    found.unwrap_or(&STAGES[0])
-}
 
 /// What became of a file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -191,7 +185,7 @@ pub fn bake(source: &Source<'_>, settings: &BakeSettings, context: &Context<'_>)
         status: Status::Baked,
         source_faces: faces as u64,
         levels: reports,
-        notes: model.notes.iter().cloned().chain(unmet).collect(),
+        notes: model.notes.iter().cloned().chain(dropped_morphs(&model, settings)).chain(unmet).collect(),
         seconds: clock.seconds(),
     };
     Ok(Baked { glb, levels, model: Some(model), report })
@@ -251,7 +245,7 @@ fn make_levels(
     let hash = content_hash(source.bytes);
     let seed = hash.as_bytes()[..8].iter().fold(0u64, |seed, &byte| seed << 8 | u64::from(byte));
     let sampler = SurfaceSampler::new(model);
-    let poses = Poses::of(model, settings.poses as usize);
+    let poses = Poses::of(model, settings.poses as usize, posed_views(settings));
     let ((bvh, solid), views) = rayon::join(
         || {
             clock
@@ -274,7 +268,11 @@ fn make_levels(
         importance: importance.as_ref(),
     };
     let budgets = targets.budgets();
-    let params = shape_params(settings, &budgets);
+    let planes = shape::JointPlanes {
+        planes: joint_planes(model, settings),
+        split: settings.joint_planes == JointPlanes::BeforeUnwrap,
+    };
+    let params = shape::Params { joint_planes: planes.clone(), ..shape_params(settings, &budgets) };
     let content = context.key(|| content_key(source, model));
     let shapes = clock.time(StageId::Shape, || {
         let key = content.map(|content| shapes_key(&content, settings));
@@ -290,6 +288,7 @@ fn make_levels(
         frame,
         views,
         poses,
+        planes,
         seed,
         content,
         settings,
@@ -306,7 +305,12 @@ fn make_levels(
     Ok(Made { levels, reports, unmet })
 }
 
-/// The source in the rest pose, and half as often in its other poses; fewer views if cancelled.
+/// Half as many views as at rest are taken in other poses, each in a pose of its own if there are so many.
+fn posed_views(settings: &BakeSettings) -> usize {
+    settings.views as usize / 2
+}
+
+/// The source in the rest pose and in its other poses; fewer views if cancelled.
 fn views_of(
     sampler: &SurfaceSampler<'_>,
     frame: &Frame,
@@ -323,16 +327,29 @@ fn views_of(
     let taken = cameras.chunks(few).take_while(|_| wanted()).flat_map(|cameras| take_views(sampler, cameras, size));
     let mut views: Vec<View> = taken.collect();
     let Some(poses) = poses else { return views };
-    let surface = &sampler.model().surface;
-    let rest = TriMesh { positions: surface.positions.clone(), triangles: Vec::new() };
-    let motions = poses.motions(&surface.influences);
-    let per_pose = (count / 2).div_ceil(poses.count());
-    for (pose, posed) in poses.posed(&rest, &motions).enumerate().take_while(|_| wanted()) {
-        let frame = Frame::around(&posed.positions);
-        let cameras = viewpoints(&frame, per_pose, seed.wrapping_add(pose as u64 + 1));
-        views.extend(take_posed_views(sampler, &posed.positions, pose, &cameras, size));
-    }
+    let count = posed_views(settings);
+    let posed = (0..poses.all()).into_par_iter().filter(|_| wanted()).flat_map(|pose| {
+        let positions = poses.source_in(pose);
+        let all = viewpoints(&Frame::around(&positions), count, seed.wrapping_add(1));
+        let own: Vec<_> = all.into_iter().skip(pose).step_by(poses.all()).collect();
+        take_posed_views(sampler, &positions, pose, &own, size)
+    });
+    views.par_extend(posed);
     views
+}
+
+/// What is said of morph targets that levels leave out.
+fn dropped_morphs(model: &Model, settings: &BakeSettings) -> Option<String> {
+    let morphs = model.surface.morphs.as_ref().filter(|_| settings.morph_targets == MorphTargets::Drop)?;
+    let count = morphs.targets.len();
+    Some(format!("{count} morph targets stay at their default weights in the levels: `morph_targets` is Drop"))
+}
+
+fn joint_planes(model: &Model, settings: &BakeSettings) -> Vec<rig::JointPlane> {
+    match settings.joint_planes {
+        JointPlanes::Off => Vec::new(),
+        JointPlanes::BeforeUnwrap | JointPlanes::AfterRefine => rig::joint_planes(model, settings.joint_delta),
+    }
 }
 
 fn shape_params(settings: &BakeSettings, budgets: &[u32]) -> shape::Params {
@@ -355,6 +372,7 @@ fn shape_params(settings: &BakeSettings, budgets: &[u32]) -> shape::Params {
         remove_invisible: settings.remove_invisible && !settings.watertight,
         visible_weight: f64::from(settings.visible_weight),
         curvature: f64::from(settings.curvature),
+        joint_planes: shape::JointPlanes::default(),
     }
 }
 

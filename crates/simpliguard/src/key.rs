@@ -4,7 +4,7 @@ use std::fmt;
 
 use blake3::hazmat::{self, ChainingValue, HasherExt, Mode};
 
-use crate::{PIPELINE_VERSION, Stage};
+use crate::{PIPELINE_VERSION, STAGES, StageId};
 
 /// Separates these keys from every other use of the hash function. The number is that of this encoding.
 const CONTEXT: &str = "simpliguard_cache 2026-01 bake key 1";
@@ -86,9 +86,9 @@ impl KeyBuilder {
     }
 
     /// Starts with the versions of the chain and of one of its stages.
-    #[must_use]
-    pub fn for_stage(stage: &Stage) -> Self {
-        Self::new(PIPELINE_VERSION).stage(&stage.id.to_string(), stage.version)
+    pub fn for_stage(id: StageId) -> Self {
+        let version = STAGES.iter().find(|stage| stage.id == id).map_or(0, |stage| stage.version);
+        Self::new(PIPELINE_VERSION).stage(&id.to_string(), version)
     }
 
     fn stage(mut self, name: &str, version: u32) -> Self {

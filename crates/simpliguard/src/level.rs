@@ -8,11 +8,11 @@ use crate::clock::Clock;
 use crate::mesh::TriMesh;
 use crate::model::{Influences, Level, Model, linear_to_srgb};
 use crate::objects::{atlas_key, descent_key};
-use crate::refine::{self, LowPoly, Refined};
+use crate::refine::{self, LowPoly, Refined, Skin};
 use crate::render::{Frame, Motions, SurfaceSample, SurfaceSampler, View};
-use crate::rig::{self, Donor, Poses, Transfer};
-use crate::settings::{BakeSettings, SkinTransfer};
-use crate::shape::{Cards, Deviation, Road, Shape};
+use crate::rig::{self, Donor, Poses, Split, Transfer};
+use crate::settings::{BakeSettings, MorphTargets, SkinTransfer};
+use crate::shape::{Cards, Deviation, JointPlanes, Road, Shape};
 use crate::texture::{self, Channels, Texel};
 use crate::unwrap::{Atlas, UnwrapParams, unwrap};
 use crate::{Bvh, Context, Error, Key, StageId};
@@ -31,6 +31,7 @@ pub(crate) struct Shared<'a> {
     pub(crate) frame: Frame,
     pub(crate) views: Vec<View>,
     pub(crate) poses: Option<Poses<'a>>,
+    pub(crate) planes: JointPlanes,
     pub(crate) seed: u64,
     /// Of the source's files, if stages are stored.
     pub(crate) content: Option<Key>,
@@ -63,10 +64,14 @@ pub(crate) fn make_level(
     context.report(StageId::Unwrap, Some(number as usize), 0.4);
     let key = context.key(|| atlas_key(&shape.mesh, &params));
     let atlas = clock.time(StageId::Unwrap, || context.stored(key, || Ok(unwrap(&shape.mesh, None, &params))))?;
-    let canvas = Canvas::new(shared, &atlas, size);
     context.report(StageId::Rig, Some(number as usize), 0.42);
     let influences = clock.time(StageId::Rig, || influences(shared, &shape.mesh));
-    let Fitted { low, refined, alpha } = fit(shared, &canvas, shape, &influences, number, budget)?;
+    let fitted = fit(shared, &atlas, size, shape, influences, number, budget)?;
+    let (Fitted { low, influences, refined, alpha }, atlas) = match shape.cards {
+        Some(_) => (fitted, atlas),
+        None => split_at_joints(shared, fitted, atlas, budget),
+    };
+    let canvas = Canvas::new(shared, &atlas, size);
     let mesh = low.mesh();
     context.check(&model.name)?;
     context.report(StageId::Texture, Some(number as usize), 0.85);
@@ -79,7 +84,11 @@ pub(crate) fn make_level(
     let channels = Channels { normal: settings.normal_map && !unlit, alpha };
     let topology = LevelTopology::of(&mesh);
     let (mesh, textures, material) = clock.time(StageId::Texture, || {
-        let mesh = texture::level_mesh(&mesh, &atlas, &influences, channels.normal);
+        let morphs = match settings.morph_targets {
+            MorphTargets::Transfer => rig::transfer_morphs(shared.donor, &mesh),
+            MorphTargets::Drop => Vec::new(),
+        };
+        let mesh = texture::level_mesh(&mesh, &atlas, &influences, &morphs, channels.normal);
         let (textures, varying) = texture::maps(&mesh, &canvas.texels, &samples, &low.texels, size, channels);
         (mesh, textures, texture::level_material(&varying, alpha, low.double_sided, unlit))
     });
@@ -104,6 +113,7 @@ pub(crate) fn make_level(
 /// A level's mesh with its vertices where they stay.
 struct Fitted {
     low: LowPoly,
+    influences: Vec<Influences>,
     refined: Refined,
     /// It is a cut-out.
     alpha: bool,
@@ -112,14 +122,15 @@ struct Fitted {
 /// Descends on the vertices with a texture of at most [`FITTED_SIZE`].
 fn fit(
     shared: &Shared<'_>,
-    full: &Canvas<'_>,
+    atlas: &Atlas,
+    size: usize,
     shape: &Shape,
-    influences: &[Influences],
+    influences: Vec<Influences>,
     number: u32,
     budget: u32,
 ) -> Result<Fitted, Error> {
     let Shared { model, settings, context, clock, .. } = *shared;
-    let small = Canvas::new(shared, full.atlas, full.size.min(FITTED_SIZE));
+    let small = Canvas::new(shared, atlas, size.min(FITTED_SIZE));
     context.check(&model.name)?;
     context.report(StageId::Texture, Some(number as usize), 0.45);
     let (mut low, alpha, smoothness) = clock.time(StageId::Texture, || {
@@ -127,8 +138,8 @@ fn fit(
         let alpha = is_cut_out(shape, &samples);
         let (texels, covered) = initial_texture(&samples, small.size, alpha);
         let double_sided = shape.double_sided || alpha;
-        let low = LowPoly::new(&shape.mesh, full.atlas, double_sided, small.size, texels, covered);
-        let low = low.with_motions(shared.poses.as_ref().map_or_else(Motions::default, |p| p.motions(influences)));
+        let low = LowPoly::new(&shape.mesh, atlas, double_sided, small.size, texels, covered);
+        let low = low.with_motions(motions(shared, &influences));
         (low, alpha, if alpha { None } else { small.smoothness(&samples) })
     });
     context.report(StageId::Refine, Some(number as usize), 0.5);
@@ -141,15 +152,41 @@ fn fit(
         seed: shared.seed ^ u64::from(budget),
     };
     let key = shared.content.map(|content| descent_key(&content, settings, budget));
-    let (positions, refined) = clock.time(StageId::Refine, || {
+    let (positions, (influences, refined)) = clock.time(StageId::Refine, || {
         context.stored(key, || {
             let mut low = low.clone();
-            let refined = refine::refine(&mut low, &shared.views, shared.frame.radius, &params, &model.name, context)?;
-            Ok((low.positions, refined))
+            let poses = shared.poses.as_ref().filter(|_| settings.refine_weights);
+            let mut skin = poses.map(|poses| Skin::new(poses, influences.clone()));
+            let (views, radius) = (&shared.views, shared.frame.radius);
+            let refined = refine::refine(&mut low, skin.as_mut(), views, radius, &params, &model.name, context)?;
+            let influences = skin.map_or_else(|| influences.clone(), Skin::into_influences);
+            Ok((low.positions, (influences, refined)))
         })
     })?;
     low.positions = positions;
-    Ok(Fitted { low, refined, alpha })
+    let low = low.with_motions(motions(shared, &influences));
+    Ok(Fitted { low, influences, refined, alpha })
+}
+
+/// Splits the faces along the joint planes, if that comes last: their parts keep their place in the atlas.
+fn split_at_joints(shared: &Shared<'_>, fitted: Fitted, atlas: Atlas, budget: u32) -> (Fitted, Atlas) {
+    let JointPlanes { planes, split: done } = &shared.planes;
+    if *done || planes.is_empty() {
+        return (fitted, atlas);
+    }
+    let Fitted { low, mut influences, refined, alpha } = fitted;
+    let Split { mesh, parts, .. } = rig::split_along(shared.model, &low.mesh(), &influences, planes, budget as usize);
+    influences.extend(self::influences(shared, &mesh).into_iter().skip(influences.len()));
+    let uvs = parts.iter().map(|(face, places)| {
+        let [a, b, c] = atlas.uvs[*face as usize];
+        places.map(|place| a * place.x + b * place.y + c * place.z)
+    });
+    let uvs = uvs.collect();
+    let chart = parts.iter().map(|(face, _)| atlas.chart[*face as usize]).collect();
+    let atlas = Atlas { uvs, chart, ..atlas };
+    let low = LowPoly::new(&mesh, &atlas, low.double_sided, low.size, low.texels, low.covered)
+        .with_motions(motions(shared, &influences));
+    (Fitted { low, influences, refined, alpha }, atlas)
 }
 
 impl<'a> Canvas<'a> {
@@ -182,6 +219,10 @@ impl<'a> Canvas<'a> {
         let psnr = refine::fit_texture(&mut low, &self.shared.views, smoothness);
         (low, psnr)
     }
+}
+
+fn motions(shared: &Shared<'_>, influences: &[Influences]) -> Motions {
+    shared.poses.as_ref().map_or_else(Motions::default, |poses| poses.all_motions(influences))
 }
 
 fn influences(shared: &Shared<'_>, mesh: &TriMesh) -> Vec<Influences> {

@@ -1,5 +1,6 @@
-//! Pictures of baked levels beside their source.
+//! Pictures and figures of baked levels beside their source.
 
 mod sheet;
+pub mod stress;
 
 pub use sheet::contact_sheet;

@@ -15,7 +15,7 @@ pub(crate) const PLINTH_HEIGHT: f32 = 0.1;
 
 const COLUMN: f32 = 2.5;
 /// Depth and height of a step of the gallery, which carries one model's levels.
-pub(crate) const STEP: Vec2 = Vec2::new(2.8, 1.0);
+pub(crate) const STEP: Vec2 = Vec2::new(2.8, 1.15);
 
 /// A row's place in the gallery: its middle, on the step's floor.
 pub(crate) fn row(model: usize) -> Vec3 {

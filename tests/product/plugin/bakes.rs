@@ -110,17 +110,14 @@ fn a_saved_model_is_baked_again_and_a_broken_one_leaves_the_last_good() {
 
     let broken = &good[..good.len() / 2];
     project.save("assets/ball.glb", broken);
-    let failed = game.wait_for("failed", "ball.glb");
-    assert!(failed["error"].as_str().expect("text").starts_with("ball.glb: import: "), "{failed}");
-    game.wait_for_levels("ball.glb", 2);
+    game.wait_for_failure_and_levels("ball.glb", "ball.glb: import: ", 2);
     assert_eq!(levels, fs::read(&processed).expect("processed"));
     game.quit();
     assert_eq!(fs::read(project.path("assets/ball.glb")).expect("reads"), broken);
 
     // Still broken at the next start.
     let mut second = project.run();
-    second.wait_for("failed", "ball.glb");
-    second.wait_for_levels("ball.glb", 2);
+    second.wait_for_failure_and_levels("ball.glb", "ball.glb: import: ", 2);
     project.save("assets/ball.glb", &good);
     second.wait_for_levels("ball.glb", 2);
     assert_eq!((second.count("finished"), second.count("load failed"), second.fewest_levels()), (0, 0, 2));
@@ -139,7 +136,7 @@ fn a_game_killed_while_it_bakes_bakes_at_the_next_start() {
     game.wait_for("started", "ball.glb");
     game.wait_for_levels("ball.glb", 0);
     game.kill();
-    assert!(files_below(&project.path("cache")).is_empty());
+    assert!(files_below(&project.path("cache/results")).is_empty());
 
     let mut second = project.run();
     second.wait_for_levels("ball.glb", 0);

@@ -1,5 +1,6 @@
 //! A game's folder with the game running in a process of its own.
 
+use std::cell::Cell;
 use std::fs;
 use std::io::{BufRead, BufReader};
 use std::path::{Path, PathBuf};
@@ -137,6 +138,18 @@ impl Game {
         self.wait(&format!("{what} of {path}"), |r| r["what"] == what && r["path"] == path)
     }
 
+    /// Waits until a model fails with an error that starts like `error`, and is shown with so many levels, in any order.
+    #[track_caller]
+    pub(super) fn wait_for_failure_and_levels(&mut self, path: &str, error: &str, levels: u64) {
+        let (failed, shown) = (Cell::new(false), Cell::new(false));
+        self.wait("a failure and levels", |r| {
+            let is_error = r["error"].as_str().is_some_and(|text| text.starts_with(error));
+            failed.set(failed.get() || r["what"] == "failed" && r["path"] == path && is_error);
+            shown.set(shown.get() || r["what"] == "loaded" && r["path"] == path && r["levels"] == levels);
+            failed.get() && shown.get()
+        });
+    }
+
     /// As [`Self::wait_for`] for several models, in any order.
     #[track_caller]
     pub(super) fn wait_for_each(&mut self, what: &str, paths: &[&str]) {
@@ -169,12 +182,20 @@ impl Game {
         }
     }
 
-    /// A number from `/proc`, such as `VmHWM`, the most memory the game ever had, in KiB.
+    /// A number from the system's table of processes, such as `VmHWM`, the most memory the game ever had, in KiB.
     #[cfg(target_os = "linux")]
     pub(super) fn proc_status(&self, field: &str) -> u64 {
         let status = fs::read_to_string(format!("/proc/{}/status", self.child.id())).expect("reads");
         let value = status.lines().find_map(|line| line.strip_prefix(field)?.strip_prefix(':'));
         value.and_then(|v| v.split_whitespace().next()?.parse().ok()).expect("a number")
+    }
+
+    /// How many threads of the plugin there are; Bevy has its own for files, as many as there are files at once.
+    #[cfg(target_os = "linux")]
+    pub(super) fn own_threads(&self) -> usize {
+        let threads = fs::read_dir(format!("/proc/{}/task", self.child.id())).expect("lists").filter_map(Result::ok);
+        let names = threads.filter_map(|thread| fs::read_to_string(thread.path().join("comm")).ok());
+        names.filter(|name| name.starts_with("simpliguard")).count()
     }
 
     /// How many reports of a kind there were.

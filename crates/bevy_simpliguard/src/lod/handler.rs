@@ -16,6 +16,7 @@ use bevy::gltf::convert_coordinates::GltfConvertCoordinates;
 use bevy::gltf::extensions::{ErasedGltfExtensionHandler, GltfExtensionHandler};
 use bevy::gltf::{GltfAssetLabel, GltfLoaderSettings, GltfMaterialName, GltfMeshName, GltfSkinnedMeshBoundsPolicy};
 use bevy::mesh::MeshVertexAttribute;
+use bevy::mesh::morph::MeshMorphWeights;
 use bevy::mesh::skinning::SkinnedMesh;
 use bevy::platform::collections::HashMap;
 use bevy::prelude::*;
@@ -195,6 +196,19 @@ impl SceneBuilder<'_, '_> {
         Some(SkinnedMesh { inverse_bindposes: self.context.get_label_handle(label.to_string()), joints })
     }
 
+    /// What weights the morph targets of a level: the node of the source that has as many, so that clips morph both, or
+    /// the default weights for ever if the source was left out.
+    fn morph_weights(&self, mesh: &gltf::Mesh<'_>, primitive: &gltf::Primitive<'_>) -> Option<MeshMorphWeights> {
+        let count = primitive.morph_targets().len();
+        let has_as_many = |node: &gltf::Node<'_>| {
+            node.mesh().is_some_and(|mesh| mesh.primitives().any(|p| p.morph_targets().len() == count))
+        };
+        let mut replaced = self.file.replaces.iter().filter_map(|&index| self.file.node(index));
+        let driver = || self.entities.get(&replaced.find(has_as_many)?.index()).copied();
+        let at_rest = || MeshMorphWeights::Value { weights: mesh.weights().unwrap_or_default().to_vec() };
+        (count > 0).then(driver).map(|driver| driver.map_or_else(at_rest, MeshMorphWeights::Reference))
+    }
+
     /// Spawns a primitive of a level under the scene's root, with all that the loader would give it. It is a member
     /// before other handlers see it, so that they can tell it from the source.
     fn spawn_primitive(
@@ -209,6 +223,7 @@ impl SceneBuilder<'_, '_> {
         let material = primitive.material();
         let name = format!("{}.{}", node.name().unwrap_or("LOD"), primitive.index());
         let turn = turn(self.defaults.convert_coordinates);
+        let weights = self.morph_weights(mesh, primitive);
         let mut entity = self.world.spawn((
             Mesh3d(handle.clone()),
             Transform::from_rotation(turn),
@@ -224,6 +239,9 @@ impl SceneBuilder<'_, '_> {
                 GltfSkinnedMeshBoundsPolicy::NoFrustumCulling => entity.insert(NoFrustumCulling),
                 GltfSkinnedMeshBoundsPolicy::BindPose => &mut entity,
             };
+        }
+        if let Some(weights) = weights {
+            entity.insert(weights);
         }
         if let Some(name) = mesh.name() {
             entity.insert(GltfMeshName(name.to_owned()));

@@ -32,7 +32,7 @@
 //! - The bounding sphere is that of the rest pose and moves with the instance's entity, not with a clip's root motion.
 //! - A level stands for the whole scene. While a part of the source is hidden, or all of it but not the instance, the
 //!   instance shows its source. Parts that a game moves or gives other materials do not change in the levels.
-//! - Levels do not morph.
+//! - Levels morph with the weights of the source's node; in a file without the source they keep the default ones.
 //! - Cross-fades need materials that dither for `VisibilityRange`s as `StandardMaterial` does. Under a camera with a
 //!   `DepthPrepass` and no other prepass, Bevy 0.19 writes opaque meshes into the depth buffer undithered, so a fade shows
 //!   the background through. [`LodSettings::fade`] 0 does without fades.

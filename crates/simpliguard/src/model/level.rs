@@ -33,6 +33,17 @@ pub struct LevelMesh {
     pub influences: Vec<Influences>,
     /// Counter-clockwise seen from outside.
     pub triangles: Vec<[u32; 3]>,
+    /// One for each of the source's [`Morphs`](super::Morphs), or none.
+    pub morphs: Vec<LevelMorph>,
+}
+
+/// What a morph target does to each vertex of a level at a weight of one.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct LevelMorph {
+    /// How far it goes, in the world at rest, in metres.
+    pub positions: Vec<Vec3>,
+    /// How its normal changes.
+    pub normals: Vec<Vec3>,
 }
 
 /// Factors and modes of a level's material; what varies over the surface is in [`LevelTextures`].

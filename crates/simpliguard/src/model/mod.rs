@@ -7,7 +7,7 @@ mod texture;
 use bytes::Bytes;
 use glam::{Mat4, Vec2, Vec3, Vec4};
 
-pub use level::{Level, LevelMaterial, LevelMesh, LevelTextures};
+pub use level::{Level, LevelMaterial, LevelMesh, LevelMorph, LevelTextures};
 pub use material::{AlphaMode, Material, TextureRef};
 pub use texture::{Texture, Wrap, linear_to_srgb, srgb_to_linear};
 
@@ -74,6 +74,36 @@ pub struct Surface {
     pub triangles: Vec<[u32; 3]>,
     /// Material of each triangle.
     pub material: Vec<u32>,
+    /// Its morph targets, if it has any that levels can take over.
+    pub morphs: Option<Morphs>,
+}
+
+/// Morph targets that the weights of one node drive.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Morphs {
+    /// Index of the node in the glTF's `nodes`.
+    pub node: usize,
+    /// In the node's order.
+    pub targets: Vec<MorphTarget>,
+}
+
+/// One morph target.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct MorphTarget {
+    /// From the mesh's `extras.targetNames`; empty if unnamed.
+    pub name: String,
+    /// Its weight in the rest pose.
+    pub weight: f32,
+    /// How far vertices go at a weight of one, in the world at rest, in metres; ascending by vertex, without those that
+    /// stay.
+    pub moves: Vec<(u32, Vec3)>,
+}
+
+impl MorphTarget {
+    /// How far a vertex goes.
+    pub fn of(&self, vertex: u32) -> Vec3 {
+        self.moves.binary_search_by_key(&vertex, |(v, _)| *v).map_or(Vec3::ZERO, |at| self.moves[at].1)
+    }
 }
 
 /// Smallest [`Surface::extent`] that levels are made for, in metres: below it the squares of areas leave the range of

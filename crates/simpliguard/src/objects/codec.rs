@@ -5,6 +5,7 @@ use glam::Vec3;
 
 use super::Object;
 use crate::mesh::TriMesh;
+use crate::model::Influences;
 use crate::reconstruct;
 use crate::refine::Refined;
 use crate::shape::{Cards, Deviation, Road, Shape};
@@ -198,6 +199,20 @@ impl Object for Vec<Vec3> {
     }
 }
 
+impl Object for Vec<Influences> {
+    fn write(&self, writer: &mut Writer) {
+        writer.slice(&self.iter().map(|influences| influences.joints).collect::<Vec<_>>());
+        writer.slice(&self.iter().map(|influences| influences.weights).collect::<Vec<_>>());
+    }
+
+    fn read(reader: &mut Reader<'_>) -> Option<Self> {
+        let (joints, weights): (Vec<[u16; 4]>, Vec<[f32; 4]>) = (reader.slice()?, reader.slice()?);
+        let pairs = || joints.iter().zip(&weights);
+        (joints.len() == weights.len())
+            .then(|| pairs().map(|(&joints, &weights)| Influences { joints, weights }).collect())
+    }
+}
+
 impl Object for Refined {
     fn write(&self, writer: &mut Writer) {
         let Self { psnr_initial, psnr_texture, psnr } = *self;
@@ -251,6 +266,8 @@ mod tests {
         let uvs = vec![[Vec2::ZERO, Vec2::X, Vec2::Y]];
         let atlas = Atlas { uvs, chart: vec![0], charts: 1, fill: 0.5, stretch: 1.5, texels_per_unit: 9.0 };
         assert_eq!(decode(&encode(&atlas)), Some(atlas));
+        let influences = vec![Influences { joints: [3, 1, 0, 0], weights: [0.75, 0.25, 0.0, 0.0] }];
+        assert_eq!(decode(&encode(&influences)), Some(influences));
     }
 
     #[test]

@@ -2,7 +2,6 @@
 
 use bytemuck::cast_slice;
 
-use crate::chain::stage;
 use crate::mesh::TriMesh;
 use crate::model::{Bone, Document, Influences, Model, Pose, Surface};
 use crate::settings::{BakeSettings, SourceGeometry};
@@ -13,7 +12,7 @@ use crate::{Key, KeyBuilder, Source, StageId};
 /// The content of all files of a source.
 pub(crate) fn content_key(source: &Source<'_>, model: &Model) -> Key {
     let Document { buffers, images, .. } = &model.document;
-    let key = KeyBuilder::for_stage(stage(StageId::Import)).input(source.bytes);
+    let key = KeyBuilder::for_stage(StageId::Import).input(source.bytes);
     let key = buffers.iter().fold(key, |key, buffer| key.input(buffer));
     images
         .iter()
@@ -26,7 +25,7 @@ pub(crate) fn content_key(source: &Source<'_>, model: &Model) -> Key {
 
 /// The shapes of a bake and their deviations.
 pub(crate) fn shapes_key(content: &Key, settings: &BakeSettings) -> Key {
-    KeyBuilder::for_stage(stage(StageId::Shape))
+    KeyBuilder::for_stage(StageId::Shape)
         .key(content)
         .settings(&settings.canonical(StageId::Reconstruct))
         .settings(&settings.canonical(StageId::Shape))
@@ -45,17 +44,20 @@ pub(crate) fn road_key(form: &Key, params: &Params, road: Road) -> Key {
         remove_invisible,
         visible_weight,
         curvature,
+        joint_planes,
     } = params;
+    let planes =
+        if joint_planes.planes.is_empty() { String::new() } else { format!("joint_planes={joint_planes:?}\n") };
     let settings = format!(
         "budgets={budgets:?}\ncurvature={curvature:?}\nremove_invisible={remove_invisible}\nroad={road:?}\n\
-         visible_weight={visible_weight:?}\n"
+         visible_weight={visible_weight:?}\n{planes}"
     );
-    KeyBuilder::for_stage(stage(StageId::Shape)).key(form).settings(settings.as_bytes()).finish()
+    KeyBuilder::for_stage(StageId::Shape).key(form).settings(settings.as_bytes()).finish()
 }
 
 /// Everything that roads read of a model: its form, how it moves and which of its triangles count, but not its textures.
 pub(crate) fn form_key(inputs: &Inputs<'_>) -> Key {
-    let key = KeyBuilder::for_stage(stage(StageId::Import));
+    let key = KeyBuilder::for_stage(StageId::Import);
     let key = with_surface(key, &inputs.model.surface);
     let double_sided: Vec<u8> = inputs.model.materials.iter().map(|m| u8::from(m.double_sided)).collect();
     let key = key.input(&double_sided).input(cast_slice(&inputs.solid.source));
@@ -70,8 +72,10 @@ pub(crate) fn form_key(inputs: &Inputs<'_>) -> Key {
 }
 
 fn with_surface(key: KeyBuilder, surface: &Surface) -> KeyBuilder {
-    // What is painted counts by the importances that follow from it.
-    let Surface { positions, normals, tangents, uvs, colors, painted: _, influences, triangles, material } = surface;
+    // What is painted counts by the importances that follow from it. Shapes are those of the rest pose and of bones: morph
+    // targets play no part.
+    let Surface { positions, normals, tangents, uvs, colors, painted: _, influences, triangles, material, morphs: _ } =
+        surface;
     let bytes = |Influences { joints, weights }: &Influences| {
         let mut bytes = [0u8; 24];
         bytes[..8].copy_from_slice(cast_slice(joints));
@@ -94,7 +98,7 @@ fn with_surface(key: KeyBuilder, surface: &Surface) -> KeyBuilder {
 pub(crate) fn descent_key(content: &Key, settings: &BakeSettings, budget: u32) -> Key {
     // What is only read when a level is finished.
     let read = BakeSettings { normal_map: true, source: SourceGeometry::Keep, ..settings.clone() };
-    KeyBuilder::for_stage(stage(StageId::Refine))
+    KeyBuilder::for_stage(StageId::Refine)
         .key(content)
         .settings(&read.canonical_bake())
         .settings(format!("budget={budget}\n").as_bytes())
@@ -104,7 +108,7 @@ pub(crate) fn descent_key(content: &Key, settings: &BakeSettings, budget: u32) -
 /// The atlas of a mesh.
 pub(crate) fn atlas_key(mesh: &TriMesh, params: &UnwrapParams) -> Key {
     let UnwrapParams { size, gutter } = params;
-    KeyBuilder::for_stage(stage(StageId::Unwrap))
+    KeyBuilder::for_stage(StageId::Unwrap)
         .input(cast_slice(&mesh.positions))
         .input(cast_slice(&mesh.triangles))
         .settings(format!("gutter={gutter}\nsize={size}\n").as_bytes())
@@ -117,6 +121,8 @@ mod tests {
 
     use super::*;
     use crate::PIPELINE_VERSION;
+    use crate::rig::JointPlane;
+    use crate::shape::JointPlanes;
 
     fn params() -> Params {
         Params {
@@ -128,12 +134,15 @@ mod tests {
             remove_invisible: true,
             visible_weight: 0.9,
             curvature: 0.0,
+            joint_planes: JointPlanes::default(),
         }
     }
 
     #[test]
     fn every_setting_of_a_road_counts() {
         let form = KeyBuilder::new("1").finish();
+        let plane = JointPlane { centre: Vec3::ZERO, normal: Vec3::X, reach: 1.0, joints: [0, 1] };
+        let planes = JointPlanes { planes: vec![plane], split: true };
         let keys = [
             road_key(&form, &params(), Road::Source),
             road_key(&form, &params(), Road::Cards),
@@ -142,6 +151,7 @@ mod tests {
             road_key(&form, &Params { remove_invisible: false, ..params() }, Road::Source),
             road_key(&form, &Params { visible_weight: 0.8, ..params() }, Road::Source),
             road_key(&form, &Params { curvature: 0.5, ..params() }, Road::Source),
+            road_key(&form, &Params { joint_planes: planes, ..params() }, Road::Source),
         ];
         for (i, a) in keys.iter().enumerate() {
             assert!(keys[..i].iter().all(|b| a != b), "key {i} is not new");

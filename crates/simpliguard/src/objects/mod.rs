@@ -44,7 +44,10 @@ impl Context<'_> {
             return Ok(object);
         }
         let made = make()?;
-        stages.put(&key, &encode(&made));
+        // Whoever is cancelled may return less than everything.
+        if !self.cancellation.is_cancelled() {
+            stages.put(&key, &encode(&made));
+        }
         Ok(made)
     }
 }

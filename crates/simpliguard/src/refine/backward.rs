@@ -14,6 +14,8 @@ pub(super) struct Gradients {
     base: Vec<Vec4>,
     /// In clip space: x, y, w of each vertex (depth carries none).
     clip: Vec<Vec3>,
+    /// In world space, in the pose of the view.
+    pub(super) posed: Vec<Vec3>,
     /// In world space, in the rest pose.
     pub(super) positions: Vec<Vec3>,
 }
@@ -33,9 +35,10 @@ impl Gradients {
         self.unblend(frame, image);
         self.unshade(low, frame);
         let transposed = view_projection.transpose();
-        self.positions.clear();
+        self.posed.clear();
         let to_world = |g: &Vec3| (transposed * Vec4::new(g.x, g.y, 0.0, g.z)).xyz();
-        self.positions.extend(self.clip.iter().map(to_world));
+        self.posed.extend(self.clip.iter().map(to_world));
+        self.positions.clone_from(&self.posed);
         if let Some(motions) = low.motions.of(pose) {
             for (gradient, motion) in self.positions.iter_mut().zip(motions) {
                 *gradient = motion.matrix3.transpose() * *gradient;

@@ -1,6 +1,6 @@
 //! The loop: a few views a step, vertices by Adam, the texture solved again now and then, the best iterate kept.
 
-use glam::Vec3;
+use glam::{Vec3, Vec4};
 use rayon::prelude::*;
 
 use super::adam::Adam;
@@ -9,7 +9,7 @@ use super::forward::Frame;
 use super::guard::Guard;
 use super::loss::{Loss, squared_error};
 use super::regularise::Laplacian;
-use super::{LowPoly, solve_texture};
+use super::{LowPoly, Skin, solve_texture};
 use crate::render::{Picture, Random, Rect, View};
 use crate::{Context, Error};
 
@@ -21,6 +21,8 @@ const HELD_OUT: usize = 6;
 const GRADIENT_WEIGHT: f32 = 0.5;
 /// Weight of the Laplacian of the displacement, with the source's radius as unit of length.
 const LAPLACIAN_WEIGHT: f32 = 0.02;
+/// First step of a skin weight.
+const WEIGHT_RATE: f32 = 0.01;
 /// Factor on the step length from step to step.
 const DECAY: f32 = 0.992;
 /// Factor on the step length after steps that gained nothing.
@@ -54,12 +56,14 @@ pub struct Refined {
     pub psnr: f32,
 }
 
-/// Fits `low` to the views, `radius` being the source's. Never ends worse than it began by the views held out.
+/// Fits `low` to the views, and `skin` to those in other poses, `radius` being the source's. Never ends worse than it
+/// began by the views held out.
 ///
 /// # Errors
 /// If cancelled.
 pub fn refine(
     low: &mut LowPoly,
+    skin: Option<&mut Skin<'_>>,
     views: &[View],
     radius: f32,
     params: &Params,
@@ -77,7 +81,7 @@ pub fn refine(
         refined.psnr = refined.psnr_initial;
     }
     if params.steps > 0 && !low.triangles.is_empty() {
-        refined.psnr = descend(low, &split, radius, params, refined.psnr, asset, context)?;
+        refined.psnr = descend(low, skin, &split, radius, params, refined.psnr, asset, context)?;
     }
     Ok(refined)
 }
@@ -148,6 +152,7 @@ struct Lane {
 
 fn descend(
     low: &mut LowPoly,
+    mut skin: Option<&mut Skin<'_>>,
     split: &Split<'_>,
     radius: f32,
     params: &Params,
@@ -161,15 +166,21 @@ fn descend(
     let origin = low.positions.clone();
     let guard = Guard::new(low);
     let laplacian = Laplacian::new(origin.len(), &low.triangles);
-    let mut adam = Adam::new(origin.len());
+    let mut adam = Adam::new(3 * origin.len());
+    let mut weight_adam = Adam::new(4 * origin.len());
+    let mut weight_rate = WEIGHT_RATE;
     let mut order = Order::new(split.fitted.len(), params.seed);
     let mut rate = params.step_length * low.mean_edge();
-    let mut best = (start, low.positions.clone(), low.texels.clone());
+    let weights = |skin: &Option<&mut Skin<'_>>| skin.as_ref().map_or_else(Vec::new, |skin| skin.weights());
+    let mut best = (start, low.positions.clone(), low.texels.clone(), weights(&skin));
     for step in 1..=params.steps {
         context.check(asset)?;
         // Black and white by turns: a vertex that fits both fits the outline, not the background.
         let background = if step % 2 == 0 { 1.0 } else { 0.0 };
         let chosen: [usize; BATCH] = std::array::from_fn(|_| order.next());
+        if let Some(skin) = &skin {
+            chosen.iter().for_each(|&i| skin.move_into(split.fitted[i].pose, low));
+        }
         let shared = &*low;
         lanes.par_iter_mut().zip(chosen).with_max_len(1).for_each(|(lane, i)| {
             let (view, rect) = (split.fitted[i], split.fitted_rects[i]);
@@ -182,26 +193,47 @@ fn descend(
         for lane in &lanes {
             gradient.iter_mut().zip(&lane.gradients.positions).for_each(|(a, b)| *a += *b / BATCH as f32);
         }
+        if let Some(skin) = &mut skin {
+            let mut gradient = vec![Vec4::ZERO; origin.len()];
+            for (lane, i) in lanes.iter().zip(chosen) {
+                let (pose, posed) = (split.fitted[i].pose, &lane.gradients.posed);
+                skin.add_gradient(pose, &low.positions, posed, 1.0 / BATCH as f32, &mut gradient);
+            }
+            skin.step(&mut weight_adam, gradient, weight_rate);
+            weight_rate *= DECAY;
+        }
         let moved: Vec<Vec3> = low.positions.iter().zip(&origin).map(|(a, b)| *a - *b).collect();
         laplacian.add_gradient(&moved, LAPLACIAN_WEIGHT / (radius * radius), &mut gradient);
-        adam.step(&mut low.positions, &gradient, rate);
+        adam.step(bytemuck::cast_slice_mut(&mut low.positions), bytemuck::cast_slice(&gradient), rate);
         rate *= DECAY;
         if step % params.resolve_every.max(1) == 0 || step == params.steps {
             guard.take_back(low);
+            if let Some(skin) = &skin {
+                skin.move_into_all(low);
+            }
             split.solve(low, params.smoothness);
             let psnr = split.judge(low);
             tracing::trace!(step, psnr, "refine");
             if psnr > best.0 {
-                best = (psnr, low.positions.clone(), low.texels.clone());
+                best = (psnr, low.positions.clone(), low.texels.clone(), weights(&skin));
             } else {
                 // Too long a stride: from the best iterate on with shorter ones.
                 (low.positions, low.texels) = (best.1.clone(), best.2.clone());
-                adam = Adam::new(origin.len());
+                adam = Adam::new(3 * origin.len());
                 rate *= BACKTRACK;
+                if let Some(skin) = &mut skin {
+                    skin.set_weights(&best.3);
+                    weight_adam = Adam::new(4 * origin.len());
+                    weight_rate *= BACKTRACK;
+                }
             }
         }
     }
     (low.positions, low.texels) = (best.1, best.2);
+    if let Some(skin) = skin {
+        skin.set_weights(&best.3);
+        skin.move_into_all(low);
+    }
     Ok(best.0)
 }
 

@@ -17,8 +17,10 @@ mod guard;
 mod loss;
 mod low_poly;
 mod regularise;
+mod skin;
 mod stencil;
 
 pub use descent::{Params, Refined, fit_texture, refine};
 pub use low_poly::LowPoly;
+pub use skin::Skin;
 pub use stencil::solve_texture;

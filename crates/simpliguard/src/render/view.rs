@@ -61,6 +61,11 @@ impl Motions {
         self.0.get(pose?).map(Vec::as_slice)
     }
 
+    /// Replaces the motions into a pose.
+    pub fn set(&mut self, pose: usize, motions: Vec<Affine3A>) {
+        self.0[pose] = motions;
+    }
+
     /// The same motions of positions in another space, which `to_world` leads out of.
     pub fn rebased(mut self, to_world: Affine3A) -> Self {
         let from_world = to_world.inverse();

@@ -14,10 +14,13 @@
 //! later decision: what can be seen, which edges collapse, which candidate wins, where vertices and texels end up.
 
 mod inpaint;
+pub(crate) mod joints;
 mod kd_tree;
+mod morphs;
 mod motion;
 mod nearest;
 mod parts;
+mod planes;
 mod poses;
 mod surface;
 mod weights;
@@ -27,10 +30,14 @@ use glam::Vec3;
 use crate::mesh::TriMesh;
 use crate::model::Influences;
 
+pub use joints::Joints;
+pub use morphs::transfer_morphs;
 pub use motion::Skinning;
 pub(crate) use motion::{bind_spaces, is_invertible, to_bind_space};
 pub use parts::Donor;
+pub use planes::{JointPlane, Split, joint_planes, split_along};
 pub use poses::Poses;
+pub(crate) use weights::ordered;
 
 /// How influences are found.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]

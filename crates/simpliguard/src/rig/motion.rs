@@ -1,6 +1,6 @@
 //! How vertices move with their bones, from the rest pose to a frame of a clip.
 
-use glam::{Affine3A, DMat3, DMat4};
+use glam::{Affine3A, DMat3, DMat4, Vec3};
 use rayon::prelude::*;
 
 use crate::mesh::DisjointSets;
@@ -43,20 +43,41 @@ impl<'a> Skinning<'a> {
         &self.rig.poses
     }
 
-    /// From the rest pose to `pose` for each vertex. A vertex whose rest matrix has no inverse stays where it is.
-    pub fn motions(&self, pose: &Pose, influences: &[Influences]) -> Vec<Affine3A> {
-        let posed: Vec<DMat4> =
-            pose.world.iter().zip(&self.bind).map(|(world, bind)| world.as_dmat4() * *bind).collect();
-        influences.par_iter().with_min_len(256).map(|influences| self.motion(&posed, influences)).collect()
+    /// From the space that vertices are blended in to the world in `pose`, for each bone.
+    pub fn bones(&self, pose: &Pose) -> Vec<DMat4> {
+        pose.world.iter().zip(&self.bind).map(|(world, bind)| world.as_dmat4() * *bind).collect()
     }
 
-    fn motion(&self, posed: &[DMat4], influences: &Influences) -> Affine3A {
+    /// From the rest pose to the one of `bones` for each vertex. A vertex whose rest matrix has no inverse stays where
+    /// it is.
+    pub fn motions(&self, bones: &[DMat4], influences: &[Influences]) -> Vec<Affine3A> {
+        influences.par_iter().with_min_len(256).map(|influences| self.motion(bones, influences)).collect()
+    }
+
+    fn motion(&self, bones: &[DMat4], influences: &Influences) -> Affine3A {
         let rest = blend(&self.rest, influences);
         if !is_invertible(&rest) {
             return Affine3A::IDENTITY;
         }
-        let motion = (blend(posed, influences) * rest.inverse()).as_mat4();
+        let motion = (blend(bones, influences) * rest.inverse()).as_mat4();
         if motion.is_finite() { Affine3A::from_mat4(motion) } else { Affine3A::IDENTITY }
+    }
+
+    /// Derivative of a vertex's place in the pose of `bones` by each of its weights, `position` being its place at rest:
+    /// `(P_k - M R_k) R^-1 p`, with `P_k` and `R_k` the matrices of its k-th bone in the pose and at rest, `R` the blend
+    /// of the latter and `M` the vertex's motion. Zero for a vertex that stays where it is.
+    pub fn by_weights(&self, bones: &[DMat4], influences: &Influences, position: Vec3) -> [Vec3; 4] {
+        let rest = blend(&self.rest, influences);
+        if !is_invertible(&rest) {
+            return [Vec3::ZERO; 4];
+        }
+        let inverse = rest.inverse();
+        let bound = inverse.transform_point3(position.as_dvec3()).extend(1.0);
+        let motion = blend(bones, influences) * inverse;
+        influences.joints.map(|joint| {
+            let joint = usize::from(joint);
+            (bones[joint] * bound - motion * (self.rest[joint] * bound)).truncate().as_vec3()
+        })
     }
 }
 
@@ -92,4 +113,47 @@ pub(crate) fn to_bind_space(rig: &Rig, bone: usize) -> DMat4 {
     let bone = &rig.bones[bone];
     let space = bone.rest_world.as_dmat4() * bone.inverse_bind.as_dmat4();
     if is_invertible(&space) { space.inverse() } else { DMat4::IDENTITY }
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::Mat4;
+
+    use super::*;
+    use crate::model::{Bone, Surface};
+
+    /// Two bones whose rest pose is not their bind pose, under one vertex.
+    fn model() -> Model {
+        let bone = |node, rest_world| Bone { node, inverse_bind: Mat4::IDENTITY, rest_world };
+        let turned = Mat4::from_rotation_x(0.4) * Mat4::from_translation(Vec3::Y);
+        let rig = Rig {
+            bones: vec![bone(0, Mat4::IDENTITY), bone(1, turned)],
+            source_skin: Some(0),
+            poses: vec![Pose { frame: None, world: vec![Mat4::from_rotation_y(0.3), Mat4::from_rotation_z(1.1)] }],
+        };
+        let surface =
+            Surface { positions: vec![Vec3::ONE], influences: vec![Influences::rigid(0)], ..Surface::default() };
+        Model { surface, rig: Some(rig), ..Model::empty("pair") }
+    }
+
+    #[test]
+    fn derivatives_by_weights_match_central_differences() {
+        let model = model();
+        let skinning = Skinning::of(&model).expect("bones");
+        let bones = skinning.bones(&skinning.poses()[0]);
+        let p = Vec3::new(0.7, -0.2, 1.3);
+        let at = |k: usize, step: f32| {
+            let mut influences = Influences { joints: [1, 0, 0, 0], weights: [0.625, 0.375, 0.0, 0.0] };
+            influences.weights[k] += step;
+            skinning.motions(&bones, &[influences])[0].transform_point3(p)
+        };
+        let influences = Influences { joints: [1, 0, 0, 0], weights: [0.625, 0.375, 0.0, 0.0] };
+        let derivatives = skinning.by_weights(&bones, &influences, p);
+        for (k, derivative) in derivatives.into_iter().enumerate().take(2) {
+            let h = 0.004;
+            let difference = (at(k, h) - at(k, -h)) / (2.0 * h);
+            assert!(derivative.distance(difference) < 1e-3, "{k}: {derivative} {difference}");
+            assert!(derivative.length() > 0.1);
+        }
+    }
 }

@@ -33,7 +33,8 @@ impl<'a> Donor<'a> {
     /// A source whose triangles `bvh` holds.
     pub fn new(model: &'a Model, bvh: &'a Bvh) -> Self {
         let (low, high) = crate::mesh::bounds(&model.surface.positions);
-        let parts = if model.rig.is_some() { parts(&model.surface) } else { Vec::new() };
+        let moves = model.rig.is_some() || model.surface.morphs.is_some();
+        let parts = if moves { parts(&model.surface) } else { Vec::new() };
         Self { model, bvh, parts, tolerance: TOLERANCE * low.distance(high) }
     }
 

@@ -1,6 +1,6 @@
 //! The poses that levels are fitted to besides the rest pose.
 
-use glam::Vec3;
+use glam::{Affine3A, DMat4, Vec3};
 use rayon::prelude::*;
 
 use super::{Skinning, surface};
@@ -14,29 +14,49 @@ const SAMPLES: usize = 512;
 /// Least gain of a pose, as a part of the squared extent of the rest pose.
 const LEAST_GAIN: f64 = 1e-6;
 
-/// A few frames of the source's clips that stand for all of them.
+/// Frames of the source's clips that stand for all of them, the most telling first.
 pub struct Poses<'a> {
     model: &'a Model,
     skinning: Skinning<'a>,
-    chosen: Vec<&'a Pose>,
+    /// The matrix of each bone in each pose.
+    bones: Vec<Vec<DMat4>>,
+    /// How many of them decide on the shape.
+    decisive: usize,
 }
 
 impl<'a> Poses<'a> {
-    /// Up to `n` poses; none for a model without bones or without clips that move them.
-    pub fn of(model: &'a Model, n: usize) -> Option<Self> {
+    /// Up to `most` poses, the first `n` of which decide on the shape; none for a model without bones or without clips
+    /// that move them.
+    pub fn of(model: &'a Model, n: usize, most: usize) -> Option<Self> {
         let skinning = Skinning::of(model).filter(|_| n > 0)?;
-        let chosen = representative(&skinning, &model.surface, n);
-        (!chosen.is_empty()).then_some(Self { model, skinning, chosen })
+        let chosen = representative(&skinning, &model.surface, most.max(n));
+        let bones: Vec<Vec<DMat4>> = chosen.iter().map(|pose| skinning.bones(pose)).collect();
+        (!bones.is_empty()).then(|| Self { model, skinning, decisive: n.min(bones.len()), bones })
+    }
+
+    /// How many decide on the shape.
+    pub fn count(&self) -> usize {
+        self.decisive
     }
 
     /// How many there are.
-    pub fn count(&self) -> usize {
-        self.chosen.len()
+    pub fn all(&self) -> usize {
+        self.bones.len()
     }
 
-    /// Motions into each pose for vertices with these influences.
+    /// Motions into one pose for vertices with these influences.
+    pub fn motions_into(&self, pose: usize, influences: &[Influences]) -> Vec<Affine3A> {
+        self.skinning.motions(&self.bones[pose], influences)
+    }
+
+    /// Motions into every pose.
+    pub fn all_motions(&self, influences: &[Influences]) -> Motions {
+        Motions::new((0..self.all()).map(|pose| self.motions_into(pose, influences)).collect())
+    }
+
+    /// Motions into each pose that decides on the shape.
     pub fn motions(&self, influences: &[Influences]) -> Motions {
-        Motions::new(self.chosen.iter().map(|pose| self.skinning.motions(pose, influences)).collect())
+        Motions::new((0..self.decisive).map(|pose| self.motions_into(pose, influences)).collect())
     }
 
     /// As [`Self::motions`] with the influences of the closest points of the source, whose triangles `bvh` holds.
@@ -44,7 +64,18 @@ impl<'a> Poses<'a> {
         self.motions(&surface::closest_influences(&self.model.surface, bvh, positions))
     }
 
-    /// The mesh in each of the poses.
+    /// How the place of a vertex in a pose changes with each of its weights; `position` is its place at rest.
+    pub fn by_weights(&self, pose: usize, influences: &Influences, position: Vec3) -> [Vec3; 4] {
+        self.skinning.by_weights(&self.bones[pose], influences, position)
+    }
+
+    /// The source's vertices in a pose.
+    pub fn source_in(&self, pose: usize) -> Vec<Vec3> {
+        let surface = &self.model.surface;
+        moved(&surface.positions, &self.motions_into(pose, &surface.influences))
+    }
+
+    /// The mesh in each of the poses that decide on the shape.
     pub fn posed<'m>(&self, mesh: &'m TriMesh, motions: &'m Motions) -> impl Iterator<Item = TriMesh> + 'm {
         let poses = 0..self.count();
         poses.map(|pose| TriMesh {
@@ -55,7 +86,7 @@ impl<'a> Poses<'a> {
 }
 
 /// Moves each position by its own motion.
-fn moved(positions: &[Vec3], motions: &[glam::Affine3A]) -> Vec<Vec3> {
+fn moved(positions: &[Vec3], motions: &[Affine3A]) -> Vec<Vec3> {
     positions.iter().zip(motions).map(|(&p, motion)| motion.transform_point3(p)).collect()
 }
 
@@ -67,7 +98,7 @@ fn representative<'a>(skinning: &Skinning<'a>, surface: &Surface, n: usize) -> V
     let influences: Vec<Influences> = surface.influences.iter().step_by(step).copied().collect();
     let rest: Vec<Vec3> = surface.positions.iter().step_by(step).copied().collect();
     let stances: Vec<Vec<Vec3>> =
-        poses.iter().map(|pose| centred(moved(&rest, &skinning.motions(pose, &influences)))).collect();
+        poses.iter().map(|pose| centred(moved(&rest, &skinning.motions(&skinning.bones(pose), &influences)))).collect();
     let rest = centred(rest);
     let least_gain = LEAST_GAIN * rest.iter().map(|p| f64::from(p.length_squared())).sum::<f64>();
     let mut nearest: Vec<f64> = stances.iter().map(|stance| squared_distance(stance, &rest)).collect();
@@ -124,20 +155,23 @@ mod tests {
     #[test]
     fn poses_far_from_each_other_are_chosen_and_repeated_ones_are_not() {
         let model = model(&[0.0, 1.5, 0.0, 1.5, -1.5]);
-        let poses = Poses::of(&model, 4).expect("it moves");
-        assert_eq!(poses.chosen.iter().map(|p| p.frame).collect::<Vec<_>>(), [Some((1, 0.0)), Some((4, 0.0))]);
+        let skinning = Skinning::of(&model).expect("bones");
+        let chosen = representative(&skinning, &model.surface, 4);
+        assert_eq!(chosen.iter().map(|p| p.frame).collect::<Vec<_>>(), [Some((1, 0.0)), Some((4, 0.0))]);
+        let poses = Poses::of(&model, 1, 4).expect("it moves");
+        assert_eq!((poses.count(), poses.all()), (1, 2));
     }
 
     #[test]
     fn clips_that_move_nothing_give_no_poses() {
         let model = model(&[0.0, 0.0]);
-        assert!(Poses::of(&model, 4).is_none());
+        assert!(Poses::of(&model, 4, 4).is_none());
     }
 
     #[test]
     fn a_vertex_on_two_bones_goes_half_the_way() {
         let model = model(&[std::f32::consts::PI]);
-        let poses = Poses::of(&model, 1).expect("it moves");
+        let poses = Poses::of(&model, 1, 1).expect("it moves");
         let half = Influences { joints: [1, 0, 0, 0], weights: [0.5, 0.5, 0.0, 0.0] };
         let mesh = TriMesh { positions: vec![Vec3::X; 2], triangles: Vec::new() };
         let posed = poses.posed(&mesh, &poses.motions(&[Influences::rigid(1), half])).next().expect("a pose");

@@ -68,7 +68,7 @@ fn weights_at(surface: &Surface, triangle: usize, parts: [f32; 3]) -> Weights {
 }
 
 /// Barycentric coordinates, none below zero.
-fn parts_at(surface: &Surface, triangle: usize, point: Vec3) -> [f32; 3] {
+pub(super) fn parts_at(surface: &Surface, triangle: usize, point: Vec3) -> [f32; 3] {
     let corners = surface.triangles[triangle].map(|v| surface.positions[v as usize]);
     let parts = crate::barycentric(point, corners).map(|p| p.max(0.0));
     let sum: f32 = parts.iter().sum();

@@ -55,6 +55,21 @@ impl Weights {
     }
 }
 
+/// Influences a part `t` of the way from `a` to `b`.
+pub(super) fn blended(a: &Influences, b: &Influences, t: f32) -> Influences {
+    let mut weights = Weights::default();
+    weights.add(a, 1.0 - t);
+    weights.add(b, t);
+    weights.strongest()
+}
+
+/// The same influences with weights falling, none negligible, of sum one.
+pub(crate) fn ordered(influences: &Influences) -> Influences {
+    let mut weights = Weights::default();
+    weights.add(influences, 1.0);
+    weights.strongest()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -71,6 +71,30 @@ choice! {
     }
 }
 
+choice! {
+    /// What becomes of the source's morph targets.
+    pub enum MorphTargets {
+        /// The levels have them too, and clips morph them with the source.
+        #[default]
+        Transfer,
+        /// The levels stay as the default weights make them.
+        Drop,
+    }
+}
+
+choice! {
+    /// When faces are split along the planes where limbs bend.
+    pub enum JointPlanes {
+        /// Never.
+        #[default]
+        Off,
+        /// Before texture coordinates are made, so that refinement fits the new vertices too.
+        BeforeUnwrap,
+        /// At the end, as in the paper: the texture stays as it is.
+        AfterRefine,
+    }
+}
+
 /// A built-in value for each quality.
 struct PerQuality<T> {
     draft: T,
@@ -281,7 +305,15 @@ settings! {
     watertight: bool = always(false), Limit::None, [Shape];
     /// How a level gets its joint weights.
     skin_transfer: SkinTransfer = always(SkinTransfer::ClosestSurface), Limit::None, [Rig];
-    /// Number of frames of the source's clips that levels are fitted to besides the rest pose; 0 fits the rest pose alone.
+    /// What becomes of the source's morph targets.
+    morph_targets: MorphTargets = always(MorphTargets::Transfer), Limit::None, [Rig];
+    /// Whether and when faces are split along the planes where limbs bend. Their number is kept free in each budget.
+    joint_planes: JointPlanes = always(JointPlanes::Off), Limit::None, [Shape, Rig];
+    /// Largest difference of the two largest weights of a vertex between two bones (delta in the paper), which is where
+    /// the planes are.
+    joint_delta: f32 = always(0.1), Limit::Between(0.001, 1.0), [Shape, Rig];
+    /// Number of frames of the source's clips that decide on the shape of levels besides the rest pose; what follows is
+    /// fitted to half as many as there are views. 0 takes the rest pose alone.
     poses: u32 = by_quality(2, 4, 6), Limit::Between(0.0, 16.0), [Reconstruct, Shape, Texture, Refine];
     /// Side of each level's square textures, in texels; levels of at most 1,000 faces get half of it.
     texture_size: u32 = always(1024), Limit::PowerOfTwo(64, 4096), [Unwrap, Texture, Refine];
@@ -295,6 +327,8 @@ settings! {
     view_size: u32 = always(512), Limit::Between(128.0, 2048.0), [Shape, Texture, Refine];
     /// Number of optimisation steps by differentiable rendering; 0 leaves the vertices where they are.
     refine_steps: u32 = by_quality(0, 120, 300), Limit::Between(0.0, 2000.0), [Refine];
+    /// Whether refinement moves joint weights too, to fit the poses.
+    refine_weights: bool = always(true), Limit::None, [Refine];
     /// How strongly neighbouring texels are pulled together where the views say little.
     texture_smoothness: f32 = always(0.1), Limit::Between(0.0, 10.0), [Texture, Refine];
     /// Longest way of a vertex in one step, as a fraction of the mean edge length.

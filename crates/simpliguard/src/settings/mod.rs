@@ -20,7 +20,8 @@ mod text;
 mod value;
 
 pub use fields::{
-    BakeOverrides, BakeSettings, Candidates, ExistingLods, FieldInfo, Quality, SkinTransfer, SourceGeometry, reference,
+    BakeOverrides, BakeSettings, Candidates, ExistingLods, FieldInfo, JointPlanes, MorphTargets, Quality, SkinTransfer,
+    SourceGeometry, reference,
 };
 pub use importance::Importance;
 pub use meta::parse_meta;

@@ -160,7 +160,7 @@ mod tests {
     fn components(model: &Model) -> usize {
         let bvh = Bvh::new(&model.surface.positions, &model.surface.triangles);
         let sampler = SurfaceSampler::new(model);
-        let poses = Poses::of(model, 1);
+        let poses = Poses::of(model, 1, 1);
         let inputs = Inputs {
             model,
             bvh: &bvh,

@@ -23,11 +23,11 @@ use glam::{Affine3A, Vec3};
 use rayon::prelude::*;
 
 use crate::mesh::{TriMesh, self_intersecting};
-use crate::model::Model;
+use crate::model::{Influences, Model};
 use crate::objects::{form_key, road_key};
 use crate::reconstruct;
 use crate::render::{Frame, Motions, View};
-use crate::rig::{self, Donor, Poses, Transfer};
+use crate::rig::{self, Donor, JointPlane, Poses, Transfer};
 use crate::{Bvh, Context, Error, StageId};
 use collapse::Simplifier;
 use contest::{Contest, is_tangled};
@@ -46,6 +46,9 @@ const ENCLOSED_AT: usize = 4;
 const RINGS: usize = 2;
 /// A component that deserves fewer faces than this is dropped.
 const NEGLIGIBLE_FACES: f64 = 0.75;
+
+/// Largest part of a budget that is kept for the faces along joint planes.
+const MOST_RESERVED: f64 = 0.25;
 
 /// How far vertices in one place are moved apart, as a part of the frame's radius.
 const PARTED: f32 = 2e-5;
@@ -69,6 +72,17 @@ pub struct Params {
     pub visible_weight: f64,
     /// Weight of the curvature constraint (alpha in the paper).
     pub curvature: f64,
+    /// Planes that faces are kept for, and split along.
+    pub joint_planes: JointPlanes,
+}
+
+/// Planes along which a shape is split once it is made, within its budget.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct JointPlanes {
+    /// The planes, the most important first.
+    pub planes: Vec<JointPlane>,
+    /// The shape is split at once; if not, it has as many faces less, for a later stage to split.
+    pub split: bool,
 }
 
 /// Where a shape came from.
@@ -132,19 +146,21 @@ pub struct Inputs<'a> {
     pub frame: Frame,
     /// The source's pictures, in the rest pose and in `poses`.
     pub views: &'a [View],
-    /// The poses that its clips put it in.
+    /// Poses that its clips put it in.
     pub poses: Option<&'a Poses<'a>>,
     /// How much its triangles count, unless they all count alike.
     pub importance: Option<&'a Importance>,
 }
 
 impl Inputs<'_> {
-    /// How a mesh in the rest pose moves with the source's bones.
+    /// How a mesh in the rest pose hangs on the source's bones.
+    fn influences(&self, mesh: &TriMesh) -> Vec<Influences> {
+        rig::transfer(self.donor, mesh, &mesh.vertex_normals(), Transfer::default()).0
+    }
+
+    /// How a mesh in the rest pose moves with them.
     fn motions(&self, mesh: &TriMesh) -> Motions {
-        self.poses.map_or_else(Motions::default, |poses| {
-            let method = Transfer::default();
-            poses.motions(&rig::transfer(self.donor, mesh, &mesh.vertex_normals(), method).0)
-        })
+        self.poses.map_or_else(Motions::default, |poses| poses.all_motions(&self.influences(mesh)))
     }
 }
 
@@ -344,11 +360,29 @@ fn down_to_budgets(
             simplifier.drop_negligible_components(budget as usize, NEGLIGIBLE_FACES);
         }
         simplifier.run(budget as usize);
-        let mesh = from_unit_sphere(simplifier.mesh(), &inputs.frame);
+        let mesh = with_joint_planes(simplifier, inputs, &params.joint_planes, budget as usize);
         shapes.push(Shape::unjudged(mesh, double_sided, road, None));
     }
     shapes.reverse();
     shapes
+}
+
+/// What the simplifier has come down to, split along the joint planes within the budget: it goes further down by as many
+/// faces as they add.
+fn with_joint_planes(simplifier: &Simplifier, inputs: &Inputs<'_>, wanted: &JointPlanes, budget: usize) -> TriMesh {
+    let mesh = from_unit_sphere(simplifier.mesh(), &inputs.frame);
+    if wanted.planes.is_empty() {
+        return mesh;
+    }
+    let split = |mesh: &TriMesh, most: usize| {
+        rig::split_along(inputs.model, mesh, &inputs.influences(mesh), &wanted.planes, most).mesh
+    };
+    let most = mesh.triangles.len() + (MOST_RESERVED * budget as f64) as usize;
+    let reserved = split(&mesh, most).triangles.len() - mesh.triangles.len();
+    let mut lower = simplifier.clone();
+    lower.run(budget - reserved);
+    let mesh = from_unit_sphere(lower.mesh(), &inputs.frame);
+    if wanted.split { split(&mesh, budget) } else { mesh }
 }
 
 /// Motions of points in the unit sphere, there.

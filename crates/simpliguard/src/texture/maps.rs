@@ -7,7 +7,7 @@ use image::{Rgb, RgbImage, Rgba, RgbaImage};
 
 use super::{Texel, fill};
 use crate::mesh::TriMesh;
-use crate::model::{AlphaMode, Influences, LevelMaterial, LevelMesh, LevelTextures, linear_to_srgb};
+use crate::model::{AlphaMode, Influences, LevelMaterial, LevelMesh, LevelMorph, LevelTextures, linear_to_srgb};
 use crate::render::SurfaceSample;
 use crate::unwrap::Atlas;
 
@@ -21,9 +21,15 @@ pub struct Channels {
 }
 
 /// Splits vertices along chart borders and gives them normals, and MikkTSpace tangents if `tangents`.
-pub fn level_mesh(mesh: &TriMesh, atlas: &Atlas, influences: &[Influences], tangents: bool) -> LevelMesh {
+pub fn level_mesh(
+    mesh: &TriMesh,
+    atlas: &Atlas,
+    influences: &[Influences],
+    morphs: &[LevelMorph],
+    tangents: bool,
+) -> LevelMesh {
     let normals = mesh.vertex_normals();
-    let mut out = LevelMesh::default();
+    let mut out = LevelMesh { morphs: vec![LevelMorph::default(); morphs.len()], ..LevelMesh::default() };
     let mut ids: HashMap<(u32, [u32; 2]), u32> = HashMap::new();
     for (triangle, uvs) in mesh.triangles.iter().zip(&atlas.uvs) {
         let mut corners = [0; 3];
@@ -34,6 +40,10 @@ pub fn level_mesh(mesh: &TriMesh, atlas: &Atlas, influences: &[Influences], tang
                 out.normals.push(normals[v as usize]);
                 out.uvs.push(uv);
                 out.influences.extend(influences.get(v as usize));
+                for (out, morph) in out.morphs.iter_mut().zip(morphs) {
+                    out.positions.push(morph.positions[v as usize]);
+                    out.normals.push(morph.normals[v as usize]);
+                }
                 out.positions.len() as u32 - 1
             });
         }
@@ -241,7 +251,7 @@ mod tests {
     #[test]
     fn an_upright_image_has_its_tangent_along_u_and_positive_handedness() {
         let (mesh, atlas) = square();
-        let level = level_mesh(&mesh, &atlas, &[], true);
+        let level = level_mesh(&mesh, &atlas, &[], &[], true);
         assert_eq!(level.positions.len(), 4);
         assert!(level.tangents.iter().all(|t| (*t - Vec4::new(1.0, 0.0, 0.0, 1.0)).length() < 1e-6));
     }
@@ -249,7 +259,7 @@ mod tests {
     #[test]
     fn normals_encode_to_blue_and_leaning_ones_towards_red_and_green() {
         let (mesh, atlas) = square();
-        let level = level_mesh(&mesh, &atlas, &[], true);
+        let level = level_mesh(&mesh, &atlas, &[], &[], true);
         let texel = Some(Texel { triangle: 0, barycentric: Vec3::splat(1.0 / 3.0) });
         let encoded = |n: Vec3| encode_normal(&level, texel, n.normalize());
         assert!((encoded(Vec3::Z) - Vec3::new(0.5, 0.5, 1.0)).length() < 1e-5);
@@ -261,6 +271,6 @@ mod tests {
     fn a_vertex_on_a_chart_border_is_split() {
         let (mesh, mut atlas) = square();
         atlas.uvs[1] = atlas.uvs[1].map(|uv| uv * 0.5);
-        assert_eq!(level_mesh(&mesh, &atlas, &[], false).positions.len(), 6);
+        assert_eq!(level_mesh(&mesh, &atlas, &[], &[], false).positions.len(), 6);
     }
 }

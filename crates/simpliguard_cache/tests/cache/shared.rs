@@ -22,7 +22,7 @@ fn shared(address: &str) -> CacheSettings {
 
 /// A result from a cache, and what it told.
 fn once(cache: &Cache, name: &str) -> (Once<Entry>, Vec<String>) {
-    let told = RefCell::default();
+    let told: RefCell<Vec<String>> = RefCell::default();
     let find = || if let Lookup::Hit(entry) = cache.get(&key(name)) { Some(entry) } else { None };
     let tell = |notice: simpliguard_cache::Notice| told.borrow_mut().push(notice.to_string());
     let make = || cache.put(&key(name), &entry()).map(|()| entry());

@@ -29,6 +29,23 @@ pub(super) fn drop_lost_channels(out: &mut Builder, keeps_mesh: impl Fn(usize) -
     }
 }
 
+/// Has clips that weight the morph targets of node `driver` weight those of `nodes` alike.
+pub(super) fn weight_alike(out: &mut Builder, driver: usize, nodes: &[usize]) {
+    for animation in out.all_mut(Kind::Animation) {
+        let Some(channels) = animation.get_mut("channels").and_then(Value::as_array_mut) else { continue };
+        let drives = |channel: &&Value| {
+            channel.get("target").is_some_and(|target| {
+                target.get("path").and_then(Value::as_str) == Some("weights") && index(target, "node") == Some(driver)
+            })
+        };
+        let driving: Vec<Value> = channels.iter().filter(drives).cloned().collect();
+        for (mut channel, node) in driving.iter().flat_map(|c| nodes.iter().map(move |n| (c.clone(), *n))) {
+            channel["target"]["node"] = json!(node);
+            channels.push(channel);
+        }
+    }
+}
+
 /// Whether any clip moves anything.
 pub(super) fn any(out: &Builder) -> bool {
     !out.all(Kind::Animation).is_empty()

@@ -11,7 +11,7 @@ use super::builder::{Builder, Component, Kind, Target, number};
 use super::skin::{Binding, check_influences};
 use super::{fault, vertex_order};
 use crate::Error;
-use crate::model::{AlphaMode, Influences, Level, LevelMaterial, Model};
+use crate::model::{AlphaMode, Influences, Level, LevelMaterial, LevelMorph, Model};
 
 /// Vertex counts up to this have 16-bit indices; 65,535 itself is a primitive restart.
 const MAX_SHORT_INDEXED: usize = 65_535;
@@ -22,6 +22,8 @@ const PNG_LEVEL: u8 = 3;
 /// A level ready to be appended: the work that can run beside other levels is done.
 pub(super) struct EncodedLevel {
     vertices: Vertices,
+    /// Name and default weight of each morph target.
+    targets: Vec<(String, f32)>,
     triangles: Vec<[u32; 3]>,
     material: LevelMaterial,
     base_color: Vec<u8>,
@@ -37,6 +39,7 @@ struct Vertices {
     tangents: Vec<Vec4>,
     uvs: Vec<Vec2>,
     influences: Vec<Influences>,
+    morphs: Vec<LevelMorph>,
 }
 
 impl EncodedLevel {
@@ -53,6 +56,7 @@ impl EncodedLevel {
                 tangents: bound.tangents,
                 uvs,
                 influences: bound.influences,
+                morphs: bound.morphs,
             },
             None => Vertices {
                 positions: mesh.positions.clone(),
@@ -60,8 +64,13 @@ impl EncodedLevel {
                 tangents: mesh.tangents.iter().map(|t| t.truncate().normalize_or(Vec3::X).extend(t.w)).collect(),
                 uvs,
                 influences: Vec::new(),
+                morphs: mesh.morphs.clone(),
             },
         };
+        let targets =
+            model.surface.morphs.iter().flat_map(|morphs| &morphs.targets).filter(|_| !mesh.morphs.is_empty());
+        let targets: Vec<(String, f32)> = targets.map(|target| (target.name.clone(), target.weight)).collect();
+        vertices.take_back(targets.iter().map(|(_, weight)| *weight));
         for tangent in &mut vertices.tangents {
             tangent.w = if tangent.w < 0.0 { -1.0 } else { 1.0 };
         }
@@ -80,6 +89,7 @@ impl EncodedLevel {
         );
         Ok(Self {
             vertices: vertices.reordered(&order),
+            targets,
             triangles,
             material: level.material.clone(),
             base_color: base_color?,
@@ -87,6 +97,11 @@ impl EncodedLevel {
             occlusion_roughness_metallic: packed?,
             emissive: emissive?,
         })
+    }
+
+    /// Whether it has morph targets.
+    pub(super) fn morphs(&self) -> bool {
+        !self.targets.is_empty()
     }
 
     /// Whether its vertices hang on joints.
@@ -105,8 +120,15 @@ impl EncodedLevel {
         } else {
             out.push_accessor(self.triangles.as_flattened(), Component::U32, "SCALAR", Target::Indices)
         };
-        let primitive = json!({ "attributes": attributes, "indices": indices, "material": material });
-        out.push(Kind::Mesh, json!({ "name": name, "primitives": [primitive] }))
+        let mut primitive = json!({ "attributes": attributes, "indices": indices, "material": material });
+        let mut mesh = json!({ "name": name });
+        if !self.targets.is_empty() {
+            primitive["targets"] = self.vertices.write_morphs(out);
+            mesh["weights"] = self.targets.iter().map(|(_, weight)| number(*weight)).collect();
+            mesh["extras"] = json!({ "targetNames": self.targets.iter().map(|(name, _)| name).collect::<Vec<_>>() });
+        }
+        mesh["primitives"] = json!([primitive]);
+        out.push(Kind::Mesh, mesh)
     }
 
     fn write_material(&self, out: &mut Builder, name: &str, sampler: usize) -> usize {
@@ -183,18 +205,39 @@ impl Vertices {
             tangents: take(&self.tangents, order),
             uvs: take(&self.uvs, order),
             influences: take(&self.influences, order),
+            morphs: self
+                .morphs
+                .iter()
+                .map(|m| LevelMorph { positions: take(&m.positions, order), normals: take(&m.normals, order) })
+                .collect(),
         }
+    }
+
+    /// Takes what the default weights of the morph targets have done back from the vertices.
+    fn take_back(&mut self, weights: impl Iterator<Item = f32>) {
+        for (morph, weight) in self.morphs.iter().zip(weights).filter(|(_, weight)| *weight != 0.0) {
+            self.positions.iter_mut().zip(&morph.positions).for_each(|(p, offset)| *p -= *offset * weight);
+            self.normals.iter_mut().zip(&morph.normals).for_each(|(n, offset)| *n -= *offset * weight);
+        }
+        if !self.morphs.is_empty() {
+            self.normals.iter_mut().for_each(|n| *n = n.normalize_or(Vec3::Y));
+        }
+    }
+
+    fn write_morphs(&self, out: &mut Builder) -> Value {
+        let mut target = |morph: &LevelMorph| {
+            json!({
+                "POSITION": write_positions(out, &morph.positions),
+                "NORMAL": out.push_accessor(&morph.normals, Component::F32, "VEC3", Target::Vertices),
+            })
+        };
+        self.morphs.iter().map(&mut target).collect()
     }
 
     fn write(&self, out: &mut Builder) -> Value {
         let mut attributes = Map::new();
         let mut add = |name: &str, accessor: usize| attributes.insert(name.into(), json!(accessor));
-        let positions = out.push_accessor(&self.positions, Component::F32, "VEC3", Target::Vertices);
-        let (low, high) = crate::mesh::bounds(&self.positions);
-        let bounds = &mut out.all_mut(Kind::Accessor)[positions];
-        bounds["min"] = json!(low.to_array());
-        bounds["max"] = json!(high.to_array());
-        add("POSITION", positions);
+        add("POSITION", write_positions(out, &self.positions));
         add("NORMAL", out.push_accessor(&self.normals, Component::F32, "VEC3", Target::Vertices));
         if !self.tangents.is_empty() {
             add("TANGENT", out.push_accessor(&self.tangents, Component::F32, "VEC4", Target::Vertices));
@@ -219,6 +262,16 @@ impl Vertices {
             }
         }
     }
+}
+
+/// With the bounds that glTF asks of positions.
+fn write_positions(out: &mut Builder, positions: &[Vec3]) -> usize {
+    let accessor = out.push_accessor(positions, Component::F32, "VEC3", Target::Vertices);
+    let (low, high) = crate::mesh::bounds(positions);
+    let bounds = &mut out.all_mut(Kind::Accessor)[accessor];
+    bounds["min"] = json!(low.to_array());
+    bounds["max"] = json!(high.to_array());
+    accessor
 }
 
 fn bytes_of(joints: [u16; 4]) -> Result<[u8; 4], std::num::TryFromIntError> {
@@ -265,6 +318,8 @@ fn check(model: &Model, level: &Level) -> Result<(), Error> {
         ("texture coordinates", mesh.uvs.len(), false),
         ("tangents", mesh.tangents.len(), true),
         ("influences", mesh.influences.len(), true),
+        ("moves of a morph target", mesh.morphs.iter().map(|m| m.positions.len()).max().unwrap_or(0), true),
+        ("normals of a morph target", mesh.morphs.iter().map(|m| m.normals.len()).min().unwrap_or(0), true),
     ] {
         if len != n && !(may_be_empty && len == 0) {
             return bad(format!("has {len} {what} for {n} vertices"));

@@ -77,8 +77,9 @@ pub fn export(model: &Model, levels: &[Level], options: &ExportOptions) -> Resul
         joints,
     };
     let mut ids = Vec::new();
+    let mut morphing = Vec::new();
     for (k, (level, encoded)) in levels.iter().zip(&encoded).enumerate() {
-        let extras = json!({ "simpliguard": {
+        let mut extras = json!({ "simpliguard": {
             "version": options.version,
             "level": k + 1,
             "budget": level.budget,
@@ -86,7 +87,18 @@ pub fn export(model: &Model, levels: &[Level], options: &ExportOptions) -> Resul
             "error": number(level.error),
             "replaces": model.document.mesh_nodes,
         }});
+        if let Some(morphs) = model.surface.morphs.as_ref().filter(|_| encoded.morphs()) {
+            extras["simpliguard"]["morphs"] = json!(morphs.node);
+        }
+        let first = out.all(Kind::Node).len();
         ids.push(writer.write(&mut out, encoded, k + 1, extras));
+        if encoded.morphs() {
+            let nodes = first..out.all(Kind::Node).len();
+            morphing.extend(nodes.filter(|&node| out.all(Kind::Node)[node].get("mesh").is_some()));
+        }
+    }
+    if let Some(morphs) = &model.surface.morphs {
+        clips::weight_alike(&mut out, morphs.node, &morphing);
     }
     if !ids.is_empty() {
         ids.reverse();
@@ -103,7 +115,7 @@ pub fn export(model: &Model, levels: &[Level], options: &ExportOptions) -> Resul
 }
 
 /// One level as a file of its own: the default scene holds the level with its material and textures, and for a model
-/// with clips or bones the source's nodes, skin and every clip in order. Morph weight channels go with the meshes.
+/// with clips or bones the source's nodes, skin and every clip in order. Channels of morph weights are the level's own.
 ///
 /// # Errors
 /// As [`export`].
@@ -130,7 +142,10 @@ pub fn export_level(model: &Model, level: &Level) -> Result<Vec<u8>, Error> {
     let mut nodes: Vec<usize> = hierarchy::scene_roots(&out, 0);
     nodes.push(node);
     out.all_mut(Kind::Scene)[0]["nodes"] = json!(nodes);
-    clips::drop_lost_channels(&mut out, |_| false, node);
+    if let Some(morphs) = model.surface.morphs.as_ref().filter(|_| encoded.morphs()) {
+        clips::weight_alike(&mut out, morphs.node, &[node]);
+    }
+    clips::drop_lost_channels(&mut out, |target| target == node, node);
     prune::prune(&mut out, &[Kind::Scene, Kind::Animation]);
     out.into_glb()
 }

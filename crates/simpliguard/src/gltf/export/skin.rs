@@ -16,7 +16,7 @@ use serde_json::json;
 use super::builder::{Builder, Component, Kind, Target};
 use super::fault;
 use crate::Error;
-use crate::model::{Bone, Influences, Level, LevelMesh, Model, Rig};
+use crate::model::{Bone, Influences, Level, LevelMesh, LevelMorph, Model, Rig};
 use crate::rig::{bind_spaces, is_invertible, to_bind_space};
 
 /// Most joints of a merged skin: engines hold the matrices of 256.
@@ -51,6 +51,7 @@ pub(super) struct BoundVertices {
     pub(super) tangents: Vec<Vec4>,
     /// Joints and weights as the glTF wants them: no joint twice, unused slots zero, weights of sum one.
     pub(super) influences: Vec<Influences>,
+    pub(super) morphs: Vec<LevelMorph>,
 }
 
 impl Binding {
@@ -128,13 +129,21 @@ impl Binding {
             normals: Vec::with_capacity(mesh.normals.len()),
             tangents: Vec::with_capacity(mesh.tangents.len()),
             influences: Vec::with_capacity(mesh.influences.len()),
+            morphs: vec![LevelMorph::default(); mesh.morphs.len()],
         };
         for (v, influences) in mesh.influences.iter().enumerate() {
             let (influences, rest, inverse) = self.invertible(self.joints_of(influences));
             out.positions.push(inverse.transform_point3(mesh.positions[v].as_dvec3()).as_vec3());
             let linear = DMat3::from_mat4(rest);
-            let normal = (linear.transpose() * mesh.normals[v].as_dvec3()).normalize_or_zero().as_vec3();
-            out.normals.push(normal.normalize_or(Vec3::Y));
+            let bound = |normal: Vec3| {
+                let normal = (linear.transpose() * normal.as_dvec3()).normalize_or_zero().as_vec3();
+                normal.normalize_or(Vec3::Y)
+            };
+            out.normals.push(bound(mesh.normals[v]));
+            for (out, morph) in out.morphs.iter_mut().zip(&mesh.morphs) {
+                out.positions.push(inverse.transform_vector3(morph.positions[v].as_dvec3()).as_vec3());
+                out.normals.push(bound(mesh.normals[v] + morph.normals[v]) - bound(mesh.normals[v]));
+            }
             if let Some(tangent) = mesh.tangents.get(v) {
                 let direction = inverse.transform_vector3(tangent.truncate().as_dvec3()).normalize_or_zero().as_vec3();
                 out.tangents.push(direction.normalize_or(Vec3::X).extend(tangent.w));

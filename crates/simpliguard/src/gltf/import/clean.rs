@@ -126,6 +126,10 @@ fn retain(surface: &mut Surface, keep: &[bool]) {
         next += u32::from(used);
     }
     surface.triangles.iter_mut().flatten().for_each(|vertex| *vertex = number[*vertex as usize]);
+    for target in surface.morphs.iter_mut().flat_map(|morphs| &mut morphs.targets) {
+        target.moves.retain(|(vertex, _)| used[*vertex as usize]);
+        target.moves.iter_mut().for_each(|(vertex, _)| *vertex = number[*vertex as usize]);
+    }
     retain_marked(&mut surface.positions, &used);
     retain_marked(&mut surface.normals, &used);
     retain_marked(&mut surface.tangents, &used);

@@ -5,8 +5,8 @@
 //! URIs stay inside the model's folder, and [`Limits`] are checked before memory is taken. A broken file gives an
 //! [`Error`], never a panic.
 //!
-//! Limits: the rest pose with default morph weights is imported, animated morphs are not; two sets of texture
-//! coordinates and one set of vertex colours per material; texture coordinates and colours are not morphed.
+//! Limits: two sets of texture coordinates and one set of vertex colours per material; morph targets move positions
+//! alone once they are weighted by a clip, texture coordinates and colours never.
 
 mod accessor;
 mod asset;
@@ -17,6 +17,7 @@ mod extensions;
 mod images;
 mod material;
 mod meshopt;
+mod morphs;
 mod nodes;
 mod primitive;
 mod resources;
@@ -33,6 +34,7 @@ use serde_json::Value;
 use self::accessor::Reader;
 use self::asset::Asset;
 use self::material::Materials;
+use self::morphs::Driver;
 use self::nodes::Tree;
 use self::resources::{ExternalImage, Loader};
 use self::rig::Skeleton;
@@ -93,12 +95,13 @@ pub fn import(source: &Source<'_>, limits: &Limits) -> Result<Model, Error> {
         resources::check_complete(asset, &root, &buffers)?;
     }
     let skeleton = Skeleton::of(reader, &tree, &mesh_nodes)?;
+    let driver = Driver::of(reader, &json, &mesh_nodes);
     let used = used_materials(reader, &mesh_nodes);
     let materials = material::read(asset, &root, &used)?;
     let slots = MaterialSlots::of(&used, &materials, root.materials.len());
     let (textures, assembly) = rayon::join(
         || images::decode(reader, &external, &materials.textures),
-        || surface::assemble(reader, &tree, &mesh_nodes, &skeleton, &slots),
+        || surface::assemble(reader, &tree, &mesh_nodes, &skeleton, &driver, &slots),
     );
     let (textures, mut assembly) = (textures?, assembly?);
     let faces = assembly.surface.triangles.len();
@@ -109,6 +112,7 @@ pub fn import(source: &Source<'_>, limits: &Limits) -> Result<Model, Error> {
     let mut notes = notes(reader, &tree, &assembly, dropped);
     notes.extend(materials.notes);
     notes.extend(skeleton.notes);
+    notes.extend(driver.notes);
     let used: Vec<usize> = used.into_iter().flatten().collect();
     notes.extend(extensions::dropped_material_extensions(&json, &used));
     notes.extend(external.iter().enumerate().filter_map(|(image, external)| match external {

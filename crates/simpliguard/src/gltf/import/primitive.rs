@@ -28,6 +28,8 @@ pub(super) struct Primitive {
     /// Joints as numbered by the skin; all zero where no weight is positive.
     pub(super) influences: Option<Vec<Influences>>,
     pub(super) triangles: Vec<[u32; 3]>,
+    /// How far each morph target moves each vertex; empty for targets that move none, and for all if not asked for.
+    pub(super) moves: Vec<Vec<Vec3>>,
 }
 
 /// Whether a primitive is made of triangles with positions.
@@ -45,11 +47,13 @@ pub(super) fn triangle_count(reader: Reader<'_>, primitive: &schema::Primitive<'
     Ok(if primitive.mode.unwrap_or(TRIANGLES) == TRIANGLES { corners / 3 } else { corners.saturating_sub(2) })
 }
 
-/// Reads `primitive`, morphed by `weights`. `uv_sets` are the `TEXCOORD_n` that become the surface's two.
+/// Reads `primitive`, morphed by `weights`, `with_moves` what its targets move too. `uv_sets` are the `TEXCOORD_n` that
+/// become the surface's two.
 pub(super) fn read(
     reader: Reader<'_>,
     primitive: &schema::Primitive<'_>,
     weights: &[f32],
+    with_moves: bool,
     uv_sets: [usize; 2],
 ) -> Result<Primitive, Error> {
     let mut triangles = triangles(reader, primitive)?;
@@ -65,6 +69,7 @@ pub(super) fn read(
         colors: attributes.colors("COLOR_0")?,
         painted: attributes.colors("COLOR_1")?.map(|colors| colors.iter().map(|c| c.x.min(1.0)).collect()),
         influences: attributes.influences()?,
+        moves: if with_moves { attributes.moves()? } else { Vec::new() },
         triangles,
     })
 }
@@ -147,6 +152,15 @@ impl Attributes<'_> {
             }
         }
         Ok(())
+    }
+
+    /// What each morph target adds to the positions.
+    fn moves(&self) -> Result<Vec<Vec<Vec3>>, Error> {
+        let target = |target: &std::collections::BTreeMap<&str, usize>| match target.get("POSITION") {
+            Some(&accessor) => Ok(self.reader.floats(accessor, self.at())?.into_iter().map(Vec3::from).collect()),
+            None => Ok(Vec::new()),
+        };
+        self.primitive.targets.iter().map(target).collect()
     }
 
     fn tangents(&self) -> Result<Option<Vec<Vec4>>, Error> {

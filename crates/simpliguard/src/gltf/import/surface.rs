@@ -4,6 +4,7 @@ use glam::{Mat3, Mat4, Quat, Vec3, Vec4};
 
 use super::accessor::Reader;
 use super::material::Materials;
+use super::morphs::Driver;
 use super::nodes::{Tree, trs};
 use super::primitive::{self, Primitive};
 use super::rig::{self, Skeleton};
@@ -71,9 +72,11 @@ pub(super) fn assemble(
     tree: &Tree,
     mesh_nodes: &[usize],
     skeleton: &Skeleton,
+    driver: &Driver,
     materials: &MaterialSlots,
 ) -> Result<Assembly, Error> {
     let mut out = Assembly::default();
+    out.surface.morphs.clone_from(&driver.morphs);
     let mut by_mesh: Vec<usize> = mesh_nodes.to_vec();
     by_mesh.sort_by_key(|&node| reader.root.nodes[node].mesh);
     for nodes in by_mesh.chunk_by(|&a, &b| same_shape(&reader.root.nodes[a], &reader.root.nodes[b])) {
@@ -82,10 +85,13 @@ pub(super) fn assemble(
         let weights = first.weights.as_ref().unwrap_or(&mesh.weights);
         for primitive in mesh.primitives.iter().filter(|primitive| primitive::has_triangles(primitive)) {
             let slot = materials.slot(primitive.material);
-            let part = primitive::read(reader, primitive, weights, materials.uv_sets[slot])?;
+            let drives = nodes.iter().any(|&node| driver.drives(node));
+            let mut part = primitive::read(reader, primitive, weights, drives, materials.uv_sets[slot])?;
+            let moves = std::mem::take(&mut part.moves);
             let material = materials.model_index[slot].unwrap_or_default();
             for &node in nodes {
-                out.place(reader, tree, skeleton, node, &part, material)?;
+                let moves = if driver.drives(node) { moves.as_slice() } else { &[] };
+                out.place(reader, tree, skeleton, node, (&part, moves), material)?;
             }
         }
     }
@@ -103,7 +109,7 @@ impl Assembly {
         tree: &Tree,
         skeleton: &Skeleton,
         index: usize,
-        part: &Primitive,
+        (part, moves): (&Primitive, &[Vec<Vec3>]),
         material: u32,
     ) -> Result<(), Error> {
         let node = &reader.root.nodes[index];
@@ -111,6 +117,7 @@ impl Assembly {
             let bones = &skeleton.skin_bones[skin];
             let influences: Vec<Influences> = local.iter().map(|local| self.on_bones(local, bones)).collect();
             let matrices: Vec<Mat4> = influences.iter().map(|influences| rig.rest_matrix(influences)).collect();
+            self.append_moves(moves, |vertex| matrices[vertex]);
             self.append(part, |vertex| matrices[vertex], material);
             self.surface.influences.extend(influences);
             return Ok(());
@@ -118,6 +125,7 @@ impl Assembly {
         let world = tree.world[index];
         for instance in instances(reader, node)? {
             let matrix = world * instance;
+            self.append_moves(moves, |_| matrix);
             self.append(part, |_| matrix, material);
             if skeleton.rig.is_some() {
                 let bone = skeleton.node_bones.get(&index).copied().unwrap_or_default();
@@ -134,6 +142,20 @@ impl Assembly {
         self.stray_weights += stray;
         let known = pairs.filter_map(|(&joint, weight)| Some((*bones.get(usize::from(joint))?, weight)));
         rig::influences(known).unwrap_or_else(|| Influences::rigid(bones.first().copied().unwrap_or_default()))
+    }
+
+    /// Adds what morph targets do to the vertices that come next, each in the space that its matrix leads out of.
+    fn append_moves(&mut self, moves: &[Vec<Vec3>], matrix: impl Fn(usize) -> Mat4) {
+        let base = self.surface.positions.len();
+        let targets = self.surface.morphs.iter_mut().flat_map(|morphs| &mut morphs.targets);
+        for (target, moves) in targets.zip(moves) {
+            for (vertex, &offset) in moves.iter().enumerate() {
+                let offset = matrix(vertex).transform_vector3(offset);
+                if offset.is_finite() && offset != Vec3::ZERO {
+                    target.moves.push(((base + vertex) as u32, offset));
+                }
+            }
+        }
     }
 
     /// Adds `part`, each vertex moved by its matrix. Where that mirrors most vertices, the faces are turned, so that

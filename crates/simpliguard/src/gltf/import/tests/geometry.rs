@@ -2,6 +2,7 @@ use glam::{Vec2, Vec3, Vec4, vec3};
 use serde_json::json;
 
 use super::builder::{Builder, F32, I16, U8, U16, U32};
+use crate::model::{MorphTarget, Morphs};
 
 fn positions(builder: &Builder) -> Vec<Vec3> {
     builder.model().surface.positions
@@ -137,6 +138,37 @@ fn default_morph_weights_move_the_vertices_and_the_node_has_the_last_word() {
     assert_eq!(positions(&file)[1], vec3(1.0, 0.0, 1.0));
     file.json["nodes"][0]["weights"] = json!([1]);
     assert_eq!(positions(&file)[1], vec3(1.0, 0.0, 2.0));
+}
+
+#[test]
+fn morph_targets_are_kept_in_world_space_for_the_vertices_they_move() {
+    let mut file = Builder::triangle();
+    let offsets = file.accessor(F32, "VEC3", &[[0.0f32, 0.0, 0.0], [0.0, 0.0, 2.0], [0.0, 0.0, 0.0]]);
+    file.primitive()["targets"] = json!([{"POSITION": offsets}]);
+    file.json["meshes"][0]["extras"] = json!({"targetNames": ["lift"]});
+    file.json["nodes"][0]["scale"] = json!([1, 1, 3]);
+    let morphs = file.model().surface.morphs.expect("targets");
+    let expected = MorphTarget { name: "lift".into(), weight: 0.0, moves: vec![(1, vec3(0.0, 0.0, 6.0))] };
+    assert_eq!(morphs, Morphs { node: 0, targets: vec![expected] });
+}
+
+#[test]
+fn targets_of_one_face_go_together_and_others_are_left_out_by_name() {
+    let mut file = Builder::triangle();
+    let offsets = file.accessor(F32, "VEC3", &[[0.0f32, 0.0, 1.0]; 3]);
+    file.primitive()["targets"] = json!([{"POSITION": offsets}]);
+    file.json["meshes"][0]["extras"] = json!({"targetNames": ["smile"]});
+    let mut other = file.json["meshes"][0].clone();
+    file.push("meshes", other.clone());
+    other["extras"]["targetNames"] = json!(["tail"]);
+    file.push("meshes", other);
+    file.root(json!({"mesh": 1, "translation": [0, 9, 0]}));
+    file.root(json!({"mesh": 2, "translation": [0, 0, 9]}));
+    let model = file.model();
+    let moves = &model.surface.morphs.as_ref().expect("targets").targets[0].moves;
+    assert_eq!(moves.iter().map(|(v, _)| *v).collect::<Vec<_>>(), [0, 1, 2, 3, 4, 5]);
+    assert_eq!(model.notes.len(), 1);
+    assert!(model.notes[0].starts_with("1 morph targets of node 2 stay"), "{:?}", model.notes);
 }
 
 #[test]

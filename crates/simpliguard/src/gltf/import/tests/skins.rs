@@ -120,6 +120,41 @@ fn an_unskinned_node_beside_a_skin_is_a_bone() {
 }
 
 #[test]
+fn a_rigid_part_on_a_joint_moves_with_it() {
+    let mut file = skinned(&[[0; 4]; 3], &[[1.0, 0.0, 0.0, 0.0]; 3]);
+    let mut plain = file.primitive().clone();
+    plain["attributes"].as_object_mut().expect("an object").retain(|name, _| name == "POSITION");
+    let mesh = file.push("meshes", json!({"primitives": [plain]}));
+    let hat = file.push("nodes", json!({"mesh": mesh, "translation": [0, 1, 0]}));
+    file.json["nodes"][2]["children"] = json!([hat]);
+    let times = file.accessor(F32, "SCALAR", &[0.0f32, 8.0]);
+    let heights = file.accessor(F32, "VEC3", &[[2.0f32, 0.0, 0.0], [2.0, 8.0, 0.0]]);
+    let channel = json!({"sampler": 0, "target": {"node": 2, "path": "translation"}});
+    file.push("animations", json!({"channels": [channel], "samplers": [{"input": times, "output": heights}]}));
+    let model = file.model();
+    let rig = model.rig.as_ref().expect("a rig");
+    assert_eq!((rig.bones.len(), rig.bones[2].node, rig.source_skin), (3, hat, None));
+    assert_eq!((model.surface.influences[3], model.surface.positions[3]), (Influences::rigid(2), vec3(3.0, 1.0, 0.0)));
+    assert_eq!(rig.poses[4].world[2].w_axis.truncate(), vec3(3.0, 5.0, 0.0));
+}
+
+#[test]
+fn joints_of_uneven_scale_stretch_vertices_and_tilt_normals_against_it() {
+    let mut file = skinned(&[[0; 4]; 3], &[[1.0, 0.0, 0.0, 0.0]; 3]);
+    let slope = Vec3::new(1.0, 1.0, 0.0).normalize().to_array();
+    file.attribute("NORMAL", F32, "VEC3", &[slope; 3]);
+    file.json["nodes"][1]["scale"] = json!([1, 4, 1]);
+    let model = file.model();
+    assert_eq!(model.surface.positions[2], vec3(0.0, 4.0, 0.0));
+    assert!(
+        model.surface.normals[0].abs_diff_eq(vec3(4.0, 1.0, 0.0).normalize(), 1e-6),
+        "{}",
+        model.surface.normals[0]
+    );
+    assert_eq!(unposed(&model)[2], Vec3::Y);
+}
+
+#[test]
 fn mesh_nodes_become_bones_once_an_animation_moves_one_of_them() {
     let mut file = Builder::triangle();
     file.json["nodes"] = json!([{"mesh": 0}, {"mesh": 0, "translation": [0, 0, 1]}, {"children": [1]}]);
