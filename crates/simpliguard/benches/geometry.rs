@@ -1,13 +1,17 @@
 //! Reconstruction and collapse, beside meshoptimizer on the same mesh in the same run: machines differ, ratios do not.
 //!
-//! `cargo bench -p simpliguard --bench geometry`; the throughput is in triangles of the input.
+//! `cargo bench -p simpliguard --bench geometry`; the throughput is in triangles of the input. `SIMPLIGUARD_BENCH_MODEL` names a
+//! glTF, such as a scan, that is shaped as well.
 
 use divan::counter::ItemsCount;
 use divan::{Bencher, black_box};
 use glam::Vec3;
 use simpliguard::mesh::TriMesh;
+use simpliguard::model::{Material, Model, Surface};
 use simpliguard::reconstruct::{Params, reconstruct};
-use simpliguard::{Bvh, shape};
+use simpliguard::render::{Frame, SurfaceSampler, take_views, viewpoints};
+use simpliguard::rig::Donor;
+use simpliguard::{Bvh, Context, NoResources, Source, gltf, shape};
 
 /// Faces left by each collapse.
 const TARGET: usize = 4000;
@@ -59,5 +63,60 @@ fn collapse_by_meshopt(bencher: Bencher<'_, '_>, n: u32) {
     let vertices = meshopt::VertexDataAdapter::new(positions, size_of::<Vec3>(), 0).expect("positions are whole");
     bencher.counter(ItemsCount::new(mesh.triangles.len())).bench_local(|| {
         meshopt::simplify(black_box(&indices), &vertices, 3 * TARGET, f32::MAX, meshopt::SimplifyOptions::None, None)
+    });
+}
+
+/// Reconstructions, collapses and the choice between them, for the three levels of the default settings.
+#[divan::bench(args = SIZES, sample_count = 1)]
+fn shape_three_levels(bencher: Bencher<'_, '_>, n: u32) {
+    let mesh = torus(n);
+    let surface = Surface {
+        normals: mesh.vertex_normals(),
+        material: vec![0; mesh.triangles.len()],
+        positions: mesh.positions,
+        triangles: mesh.triangles,
+        ..Surface::default()
+    };
+    let model = Model { surface, materials: vec![Material::default()], ..Model::empty("torus") };
+    shape_of(bencher, &model);
+}
+
+#[divan::bench(sample_count = 1)]
+fn shape_three_levels_of_a_model(bencher: Bencher<'_, '_>) {
+    let Ok(path) = std::env::var("SIMPLIGUARD_BENCH_MODEL") else { return };
+    let bytes = std::fs::read(&path).expect("the model can be read");
+    let source = Source { name: &path, bytes: &bytes, resources: &NoResources };
+    shape_of(bencher, &gltf::import(&source, &gltf::Limits::default()).expect("the model is sound"));
+}
+
+fn shape_of(bencher: Bencher<'_, '_>, model: &Model) {
+    let surface = &model.surface;
+    let (frame, sampler) = (Frame::around(&surface.positions), SurfaceSampler::new(model));
+    let views = take_views(&sampler, &viewpoints(&frame, 48, 1), 512);
+    let params = shape::Params {
+        budgets: vec![1000, 2000, 4000],
+        reconstructions: vec![Params::new(128), Params::new(256), Params::thick(128)],
+        finer: Some(Params::new(384)),
+        source: true,
+        cards: true,
+        remove_invisible: true,
+        visible_weight: 0.9,
+        curvature: 0.0,
+        joint_planes: shape::JointPlanes::default(),
+    };
+    bencher.counter(ItemsCount::new(surface.triangles.len())).bench_local(|| {
+        let bvh = Bvh::new(&surface.positions, &surface.triangles);
+        let (solid, donor) = (shape::Solid::of(&sampler), Donor::new(model, &bvh));
+        let inputs = shape::Inputs {
+            model,
+            bvh: &bvh,
+            donor: &donor,
+            solid: &solid,
+            frame,
+            views: &views,
+            poses: None,
+            importance: None,
+        };
+        shape::shape(black_box(&inputs), &params, &Context::default()).expect("shapes")
     });
 }

@@ -43,6 +43,12 @@ impl Bvh {
         Self { tree, corners }
     }
 
+    /// Unit normal of a triangle; zero without area.
+    pub fn normal(&self, triangle: u32) -> Vec3 {
+        let [a, b, c] = self.corners[triangle as usize];
+        (b - a).cross(c - a).normalize_or_zero().into()
+    }
+
     /// The triangle nearest to `point` within `max_distance`.
     pub fn closest(&self, point: Vec3, max_distance: f32) -> Option<Hit> {
         self.closest_where(point, max_distance, |_| true)
@@ -160,7 +166,7 @@ pub fn closest_point(p: Vec3A, &[a, b, c]: &[Vec3A; 3]) -> Vec3A {
         return b;
     }
     let vc = d1 * d4 - d3 * d2;
-    if vc <= 0.0 && d1 >= 0.0 && d3 <= 0.0 {
+    if vc <= 0.0 && d1 >= 0.0 && d3 <= 0.0 && d1 > d3 {
         return a + ab * (d1 / (d1 - d3));
     }
     let cp = p - c;
@@ -169,11 +175,11 @@ pub fn closest_point(p: Vec3A, &[a, b, c]: &[Vec3A; 3]) -> Vec3A {
         return c;
     }
     let vb = d5 * d2 - d1 * d6;
-    if vb <= 0.0 && d2 >= 0.0 && d6 <= 0.0 {
+    if vb <= 0.0 && d2 >= 0.0 && d6 <= 0.0 && d2 > d6 {
         return a + ac * (d2 / (d2 - d6));
     }
     let va = d3 * d6 - d5 * d4;
-    if va <= 0.0 && d4 - d3 >= 0.0 && d5 - d6 >= 0.0 {
+    if va <= 0.0 && d4 - d3 >= 0.0 && d5 - d6 >= 0.0 && (d4 - d3) + (d5 - d6) > 0.0 {
         return b + (c - b) * ((d4 - d3) / ((d4 - d3) + (d5 - d6)));
     }
     let sum = va + vb + vc;
@@ -235,6 +241,19 @@ mod tests {
         assert_eq!(at(Vec3::new(3.0, 0.5, 0.0)), Some((Vec3::new(1.0, 0.5, 0.0), 2.0)));
         assert_eq!(at(Vec3::new(-3.0, -4.0, 0.0)), Some((Vec3::ZERO, 5.0)));
         assert_eq!(bvh.closest(Vec3::new(0.0, 0.0, 2.0), 1.0), None);
+    }
+
+    #[test]
+    fn a_triangle_that_is_an_edge_has_a_closest_point() {
+        let triangle = [Vec3A::ONE, Vec3A::ONE, Vec3A::ZERO];
+        for (p, closest) in
+            [(Vec3A::ZERO, Vec3A::ZERO), (2.0 * Vec3A::ONE, Vec3A::ONE), (Vec3A::X * 1.5, Vec3A::splat(0.5))]
+        {
+            for turn in 0..3 {
+                let turned = [0, 1, 2].map(|k| triangle[(k + turn) % 3]);
+                assert!(closest_point(p, &turned).distance(closest) < 1e-6, "{p} {turn}");
+            }
+        }
     }
 
     #[test]

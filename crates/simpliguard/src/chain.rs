@@ -256,8 +256,17 @@ fn make_levels(
     context.check(&model.name)?;
     context.report(StageId::Shape, None, 0.15);
     let donor = Donor::new(model, &bvh);
-    let inputs =
-        shape::Inputs { model, bvh: &bvh, donor: &donor, solid: &solid, frame, views: &views, poses: poses.as_ref() };
+    let importance = shape::Importance::of(model, settings)?;
+    let inputs = shape::Inputs {
+        model,
+        bvh: &bvh,
+        donor: &donor,
+        solid: &solid,
+        frame,
+        views: &views,
+        poses: poses.as_ref(),
+        importance: importance.as_ref(),
+    };
     let budgets = targets.budgets();
     let planes = shape::JointPlanes {
         planes: joint_planes(model, settings),
@@ -265,14 +274,11 @@ fn make_levels(
     };
     let params = shape::Params { joint_planes: planes.clone(), ..shape_params(settings, &budgets) };
     let content = context.key(|| content_key(source, model));
-    let (shapes, deviations) = clock.time(StageId::Shape, || {
+    let shapes = clock.time(StageId::Shape, || {
         let key = content.map(|content| shapes_key(&content, settings));
-        context.stored(key, || {
-            let shapes = shape::shape(&inputs, &params, context)?;
-            let deviations: Vec<Deviation> = shapes.par_iter().map(|s| shape::deviation(&inputs, &s.mesh)).collect();
-            Ok((shapes, deviations))
-        })
+        context.stored(key, || shape::shape(&inputs, &params, context))
     })?;
+    let deviations: Vec<Deviation> = shapes.iter().map(|s| s.deviation).collect();
     context.report(StageId::Unwrap, None, 0.4);
     let shared = Shared {
         model,

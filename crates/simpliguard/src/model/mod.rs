@@ -66,6 +66,8 @@ pub struct Surface {
     pub uvs: [Vec<Vec2>; 2],
     /// `COLOR_0`, linear RGBA; one where missing. Empty if no vertex has one.
     pub colors: Vec<Vec4>,
+    /// Red of `COLOR_1`, 0 to 1; zero where missing. Empty if no vertex has one.
+    pub painted: Vec<f32>,
     /// Bones of each vertex; empty if [`Model::rig`] is `None`.
     pub influences: Vec<Influences>,
     /// Vertex indices; no degenerate triangle and no exact duplicate.

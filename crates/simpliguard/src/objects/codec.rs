@@ -154,11 +154,12 @@ impl Object for Cards {
 
 impl Object for Shape {
     fn write(&self, writer: &mut Writer) {
-        let Self { mesh, double_sided, road, render_error, self_intersecting, cards } = self;
+        let Self { mesh, double_sided, road, render_error, deviation, self_intersecting, cards } = self;
         mesh.write(writer);
         writer.number(u8::from(*double_sided));
         road.write(writer);
         writer.number(*render_error);
+        deviation.write(writer);
         writer.number(*self_intersecting as u64);
         cards.write(writer);
     }
@@ -169,6 +170,7 @@ impl Object for Shape {
             double_sided: reader.flag()?,
             road: Road::read(reader)?,
             render_error: reader.number()?,
+            deviation: Object::read(reader)?,
             self_intersecting: reader.number::<u64>()? as usize,
             cards: Object::read(reader)?,
         })
@@ -250,8 +252,9 @@ mod tests {
         let mesh = TriMesh { positions: vec![Vec3::X, Vec3::Y, Vec3::Z], triangles: vec![[0, 1, 2]] };
         let road = Road::Reconstruction(reconstruct::Params::thick(128));
         let cards = Cards { group: vec![3], source_group: vec![1, 2], reach: vec![0.5] };
-        let shape =
-            Shape { mesh, double_sided: true, road, render_error: 0.25, self_intersecting: 1, cards: Some(cards) };
+        let deviation = Deviation { mean: 0.1, percentile_95: 0.2, max: 0.3 };
+        let (double_sided, render_error, self_intersecting, cards) = (true, 0.25, 1, Some(cards));
+        let shape = Shape { mesh, double_sided, road, render_error, deviation, self_intersecting, cards };
         vec![shape.clone(), Shape { road: Road::Source, cards: None, ..shape }]
     }
 
@@ -260,8 +263,6 @@ mod tests {
         let bytes = encode(&shapes());
         let read: Vec<Shape> = decode(&bytes).expect("shapes");
         assert_eq!(format!("{read:?}"), format!("{:?}", shapes()));
-        let deviations = vec![Deviation { mean: 0.1, percentile_95: 0.2, max: 0.3 }];
-        assert_eq!(decode::<Vec<Deviation>>(&encode(&deviations)), Some(deviations));
         let uvs = vec![[Vec2::ZERO, Vec2::X, Vec2::Y]];
         let atlas = Atlas { uvs, chart: vec![0], charts: 1, fill: 0.5, stretch: 1.5, texels_per_unit: 9.0 };
         assert_eq!(decode(&encode(&atlas)), Some(atlas));

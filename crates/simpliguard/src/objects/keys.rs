@@ -61,6 +61,7 @@ pub(crate) fn form_key(inputs: &Inputs<'_>) -> Key {
     let key = with_surface(key, &inputs.model.surface);
     let double_sided: Vec<u8> = inputs.model.materials.iter().map(|m| u8::from(m.double_sided)).collect();
     let key = key.input(&double_sided).input(cast_slice(&inputs.solid.source));
+    let key = inputs.importance.iter().fold(key, |key, importance| key.input(cast_slice(importance.weights())));
     let (Some(poses), Some(rig)) = (inputs.poses, &inputs.model.rig) else { return key.finish() };
     let bone = |Bone { node: _, inverse_bind, rest_world }: &Bone| [*inverse_bind, *rest_world];
     let bones: Vec<_> = rig.bones.iter().map(bone).collect();
@@ -71,8 +72,10 @@ pub(crate) fn form_key(inputs: &Inputs<'_>) -> Key {
 }
 
 fn with_surface(key: KeyBuilder, surface: &Surface) -> KeyBuilder {
-    // Shapes are those of the rest pose and of bones: morph targets play no part.
-    let Surface { positions, normals, tangents, uvs, colors, influences, triangles, material, morphs: _ } = surface;
+    // What is painted counts by the importances that follow from it. Shapes are those of the rest pose and of bones: morph
+    // targets play no part.
+    let Surface { positions, normals, tangents, uvs, colors, painted: _, influences, triangles, material, morphs: _ } =
+        surface;
     let bytes = |Influences { joints, weights }: &Influences| {
         let mut bytes = [0u8; 24];
         bytes[..8].copy_from_slice(cast_slice(joints));

@@ -2,34 +2,40 @@
 //!
 //! A node of half diagonal `r` whose centre is `d` away from its nearest triangle can only have a triangle as the nearest
 //! of any of its points if that is within `d + 2 r` of the centre: each node hands the triangles that pass down to its
-//! children, so no search tree is needed and the lists shrink to a handful.
+//! children, so no search tree is needed and the lists shrink to a handful. Lengths are in cells: the work is the same
+//! for a model of any size.
 
-use glam::{IVec3, Vec3, Vec3A};
+use glam::{IVec3, Vec3, Vec3A, Vec4};
 use rayon::prelude::*;
 
+use super::triangle::{Facet, Points};
 use super::{BRICK, BRICK_SAMPLES, Brick, Grid, NO_BRICK, Params};
 use crate::bvh::closest_point;
 use crate::mesh::bounds;
 
 /// Empty samples around the source on every side.
 const MARGIN: f32 = 6.0;
-/// Width of the band beyond the surface level, in cells: every cell that may change sign lies within.
+/// Width of the band beyond the surface level that has bricks: every cell that may change sign lies within.
 const BAND: f32 = 2.5;
+/// Width of the band beyond the surface level that has distances: both ends of every edge that crosses it.
+const SAMPLED: f32 = 1.001;
 /// Samples along the side of the nodes that are worked on in parallel.
 const TASK: i32 = 32;
+/// Slack for rounding, in cells.
+const SLACK: f32 = 1e-3;
 
 /// What the descent needs to know everywhere.
 struct Descent<'a> {
     corners: &'a [[Vec3A; 3]],
     spheres: &'a [Sphere],
-    spacing: f32,
-    origin: Vec3A,
-    band: f32,
+    facets: &'a [Facet],
+    offset: f32,
 }
 
 /// Around a triangle: most are ruled out by it, at a tenth of the cost of the exact distance.
 #[derive(Clone, Copy)]
 struct Sphere {
+    /// A point of the triangle.
     centre: Vec3A,
     radius: f32,
 }
@@ -39,11 +45,6 @@ impl Sphere {
         let centre = (corners[0] + corners[1] + corners[2]) / 3.0;
         let radius = corners.iter().map(|p| p.distance_squared(centre)).fold(0.0, f32::max).sqrt();
         Self { centre, radius }
-    }
-
-    /// No point of the triangle is closer to `p`, but for rounding.
-    fn least_distance(&self, p: Vec3A) -> f32 {
-        p.distance(self.centre) - self.radius
     }
 }
 
@@ -56,42 +57,40 @@ struct Lists {
 
 /// Samples the distance field; inside flags are all unset.
 pub(super) fn build(positions: &[Vec3], triangles: &[[u32; 3]], params: &Params) -> Grid {
-    let corners: Vec<[Vec3A; 3]> = triangles.iter().map(|t| t.map(|v| Vec3A::from(positions[v as usize]))).collect();
     let used: Vec<Vec3> = triangles.iter().flatten().map(|&v| positions[v as usize]).collect();
     let (low, high) = bounds(&used);
     let samples = params.resolution as i32;
     let spacing = spacing((high - low).max_element(), params.resolution);
-    let origin = Vec3A::from((low + high) * 0.5) - Vec3A::splat((samples - 1) as f32 * 0.5 * spacing);
-    let offset = params.offset * spacing;
+    let centre = Vec3A::from((low + high) * 0.5);
+    let middle = (samples - 1) as f32 * 0.5;
+    let to_cells = |v: u32| (Vec3A::from(positions[v as usize]) - centre) / spacing + middle;
+    let corners: Vec<[Vec3A; 3]> = triangles.iter().map(|t| t.map(to_cells)).collect();
     let spheres: Vec<Sphere> = corners.iter().map(Sphere::around).collect();
-    let descent = Descent { corners: &corners, spheres: &spheres, spacing, origin, band: offset + BAND * spacing };
+    let facets: Vec<Facet> = corners.iter().map(Facet::new).collect();
+    let descent = Descent { corners: &corners, spheres: &spheres, facets: &facets, offset: params.offset };
 
-    let bricks: Vec<Brick> = descent
+    let bricks: Vec<Vec<Brick>> = descent
         .tasks(samples)
         .into_par_iter()
         .with_max_len(1)
         .map(|(origin, list)| descent.bricks_of_task(origin, list))
-        .collect::<Vec<_>>()
-        .into_iter()
-        .flatten()
         .collect();
 
     let side = samples / BRICK as i32;
     let mut grid = Grid {
         side,
         spacing,
-        origin,
-        offset,
+        origin: centre - Vec3A::splat(middle * spacing),
+        offset: params.offset,
         table: vec![NO_BRICK; (side * side * side) as usize],
-        bricks: Vec::new(),
+        bricks: bricks.into_iter().flatten().collect(),
         empty_outside: vec![false; (side * side * side) as usize],
     };
-    for (i, brick) in bricks.iter().enumerate() {
-        if let Some(slot) = grid.slot(brick.coordinate) {
+    for i in 0..grid.bricks.len() {
+        if let Some(slot) = grid.slot(grid.bricks[i].coordinate) {
             grid.table[slot] = i as u32;
         }
     }
-    grid.bricks = bricks;
     grid
 }
 
@@ -111,12 +110,11 @@ impl Descent<'_> {
         let per_side = samples.div_euclid(TASK) + i32::from(samples % TASK != 0);
         let mut lists = vec![Vec::new(); (per_side * per_side * per_side) as usize];
         for (t, corners) in self.corners.iter().enumerate() {
-            let low = corners[0].min(corners[1]).min(corners[2]) - self.band;
-            let high = corners[0].max(corners[1]).max(corners[2]) + self.band;
-            let node = |p: Vec3A| {
-                let s = ((p - self.origin) / self.spacing).floor().as_ivec3();
-                (s >> IVec3::splat(5)).clamp(IVec3::ZERO, IVec3::splat(per_side - 1))
-            };
+            let band = self.offset + BAND;
+            let low = corners[0].min(corners[1]).min(corners[2]) - band;
+            let high = corners[0].max(corners[1]).max(corners[2]) + band;
+            let node =
+                |p: Vec3A| (p.floor().as_ivec3() >> IVec3::splat(5)).clamp(IVec3::ZERO, IVec3::splat(per_side - 1));
             let (a, b) = (node(low), node(high));
             for z in a.z..=b.z {
                 for y in a.y..=b.y {
@@ -141,7 +139,7 @@ impl Descent<'_> {
     /// Handles a node of at least a brick, whose candidates are `lists[start..]`.
     fn descend(&self, origin: IVec3, size: i32, start: usize, lists: &mut Lists, bricks: &mut Vec<Brick>) {
         let end = lists.triangles.len();
-        if self.narrow(origin, size, start, lists) {
+        if self.narrow(origin, size, self.offset + BAND, start, lists) {
             let half = size / 2;
             if size == BRICK as i32 {
                 let mut distance = Box::new([f32::MAX; BRICK_SAMPLES]);
@@ -169,7 +167,7 @@ impl Descent<'_> {
         distance: &mut [f32; BRICK_SAMPLES],
     ) {
         let end = lists.triangles.len();
-        if self.narrow(brick + local, size, start, lists) {
+        if self.narrow(brick + local, size, self.offset + SAMPLED, start, lists) {
             if size == 2 || end + 2 >= lists.triangles.len() {
                 self.evaluate(local, brick, size, &lists.triangles[end..], distance);
             } else {
@@ -182,23 +180,31 @@ impl Descent<'_> {
     }
 
     /// Appends those of `lists[start..]` that may be nearest to a sample of the node; false if none is within the band.
-    fn narrow(&self, origin: IVec3, size: i32, start: usize, lists: &mut Lists) -> bool {
+    fn narrow(&self, origin: IVec3, size: i32, band: f32, start: usize, lists: &mut Lists) -> bool {
         let reach = (size - 1) as f32 * 0.5;
-        let centre = self.origin + (origin.as_vec3a() + Vec3A::splat(reach)) * self.spacing;
-        let half_diagonal = reach * self.spacing * 1.732_051;
+        let centre = origin.as_vec3a() + reach;
+        let half_diagonal = reach * 1.732_051 + SLACK;
         let end = lists.triangles.len();
-        let slack = self.spacing * 1e-4;
-        let (far, mut limit) = (half_diagonal + self.band, f32::MAX);
+        let mut limit = half_diagonal + band;
         for i in start..end {
             let triangle = lists.triangles[i];
-            if self.spheres[triangle as usize].least_distance(centre) > far.min(limit) + slack {
+            let Sphere { centre: point, radius } = self.spheres[triangle as usize];
+            let (squared, farthest) = (point.distance_squared(centre), limit + radius);
+            if squared > farthest * farthest {
                 continue;
             }
-            let d = closest_point(centre, &self.corners[triangle as usize]).distance(centre);
-            if d <= far {
-                limit = limit.min(d + 2.0 * half_diagonal + slack);
+            // Bounds on the distance, equal where the sphere says too little.
+            let (low, high) = if 2.0 * radius < half_diagonal {
+                let d = squared.sqrt();
+                (d - radius, d)
+            } else {
+                let d = closest_point(centre, &self.corners[triangle as usize]).distance(centre);
+                (d, d)
+            };
+            if low <= limit {
+                limit = limit.min(high + 2.0 * half_diagonal);
                 lists.triangles.push(triangle);
-                lists.distances.push(d);
+                lists.distances.push(low);
             }
         }
         let mut kept = end;
@@ -213,26 +219,29 @@ impl Descent<'_> {
         kept > end
     }
 
+    /// Distances of `size` cubed samples to the nearest of the listed triangles, four samples at a time.
     fn evaluate(&self, local: IVec3, brick: IVec3, size: i32, list: &[u32], distance: &mut [f32; BRICK_SAMPLES]) {
-        for z in local.z..local.z + size {
-            for y in local.y..local.y + size {
-                for x in local.x..local.x + size {
-                    let p = self.origin + (brick + IVec3::new(x, y, z)).as_vec3a() * self.spacing;
-                    distance[(x + 8 * y + 64 * z) as usize] = self.distance(p, list);
+        for z in (local.z..local.z + size).step_by(2) {
+            for y in (local.y..local.y + size).step_by(2) {
+                for x in (local.x..local.x + size).step_by(2) {
+                    let at = (brick + IVec3::new(x, y, z)).as_vec3();
+                    let layers = [Points::square(at), Points::square(at + Vec3::Z)];
+                    let mut nearest = [Vec4::MAX; 2];
+                    for &t in list {
+                        let facet = &self.facets[t as usize];
+                        for (nearest, points) in nearest.iter_mut().zip(&layers) {
+                            *nearest = nearest.min(facet.distances_squared(points));
+                        }
+                    }
+                    let first = (x + 8 * y + 64 * z) as usize;
+                    for (layer, nearest) in nearest.iter().enumerate() {
+                        for (i, d) in nearest.to_array().into_iter().enumerate() {
+                            distance[first + 64 * layer + 8 * (i >> 1) + (i & 1)] = d.sqrt();
+                        }
+                    }
                 }
             }
         }
-    }
-
-    /// Distance from `p` to the nearest of the listed triangles.
-    fn distance(&self, p: Vec3A, list: &[u32]) -> f32 {
-        let mut nearest = f32::MAX;
-        for &t in list {
-            if self.spheres[t as usize].least_distance(p) <= nearest + self.spacing * 1e-4 {
-                nearest = nearest.min(closest_point(p, &self.corners[t as usize]).distance(p));
-            }
-        }
-        nearest
     }
 }
 

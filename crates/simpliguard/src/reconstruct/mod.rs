@@ -11,13 +11,16 @@
 //! 4. Surface nets (Gibson 1998) place one vertex per boundary cell, and each is pulled back onto the source
 //!    (`nets`).
 //!
-//! Open sheets become slabs of twice the offset, pulled back to a tenth of a cell. Parts thinner than a cell are kept.
+//! Open sheets become slabs of twice the offset, pulled back to a tenth of a cell; solids, however thin, are pulled back
+//! almost onto their surface. Parts thinner than a cell are kept.
 //! Self-intersections after the pull are possible where two sheets lie within a cell.
 
 mod field;
 mod flood;
 mod nets;
+mod pull;
 mod repair;
+mod triangle;
 
 use glam::{IVec3, Vec3, Vec3A};
 
@@ -38,7 +41,7 @@ pub struct Params {
     pub resolution: u32,
     /// Distance of the surface from the source in cells before it is pulled back; above 0.5.
     pub offset: f32,
-    /// Part of the distance to the source that is kept after the pull.
+    /// Part of the distance to the source that is kept after the pull, where its sides must stay apart.
     pub keep: f32,
 }
 
@@ -75,7 +78,7 @@ pub fn reconstruct(positions: &[Vec3], triangles: &[[u32; 3]], bvh: &Bvh, params
     flood::mark_inside(&mut grid);
     repair::make_well_composed(&mut grid);
     let mut mesh = nets::extract(&grid);
-    nets::pull_back(&mut mesh, bvh, params.keep);
+    pull::pull_back(&mut mesh, &grid, bvh, params.keep);
     mesh
 }
 
@@ -87,7 +90,7 @@ struct Grid {
     spacing: f32,
     /// Position of sample (0, 0, 0).
     origin: Vec3A,
-    /// Surface level in the distance field.
+    /// Surface level in the distance field, in cells.
     offset: f32,
     /// Index into `bricks` by brick coordinate, or [`NO_BRICK`].
     table: Vec<u32>,
@@ -100,7 +103,7 @@ struct Grid {
 struct Brick {
     /// In bricks.
     coordinate: IVec3,
-    /// Distance to the source, x fastest; exact where it can decide a sign.
+    /// Distance to the source in cells, x fastest; the largest number where it is too far from the surface level to matter.
     distance: Box<[f32; BRICK_SAMPLES]>,
     /// One bit per sample.
     inside: [u64; BRICK],
@@ -138,10 +141,15 @@ impl Grid {
         }
     }
 
-    /// Signed distance to the extracted surface, negative inside by distance alone; one cell where not sampled.
+    /// Signed distance to the extracted surface in cells, negative inside by distance alone; at most one.
     fn level(&self, sample: IVec3) -> f32 {
         let brick = self.brick_of(sample);
-        brick.map_or(self.spacing, |b| (self.bricks[b].distance[local_index(sample)] - self.offset).min(self.spacing))
+        brick.map_or(1.0, |b| (self.bricks[b].distance[local_index(sample)] - self.offset).min(1.0))
+    }
+
+    /// Whether the sample nearest to a place is inside.
+    fn is_inside_at(&self, place: Vec3) -> bool {
+        self.is_inside(((Vec3A::from(place) - self.origin) / self.spacing).round().as_ivec3())
     }
 
     /// Inside flags of a brick's samples and the first layer of the bricks after it: 9 x 9 x 9, x fastest.

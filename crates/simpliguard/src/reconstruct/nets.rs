@@ -4,7 +4,6 @@ use glam::{IVec3, Vec3, Vec3A};
 use rayon::prelude::*;
 
 use super::{BRICK, BRICK_SAMPLES, Grid, cell_mask};
-use crate::Bvh;
 use crate::mesh::TriMesh;
 
 /// The twelve edges of a cell as pairs of corners.
@@ -36,16 +35,6 @@ pub(super) fn extract(grid: &Grid) -> TriMesh {
     TriMesh { positions: vertices.into_iter().flat_map(|v| v.positions).collect(), triangles }
 }
 
-/// Moves each vertex towards the nearest point of the source, keeping `keep` of its distance: the sides of a sheet stay
-/// apart.
-pub(super) fn pull_back(mesh: &mut TriMesh, bvh: &Bvh, keep: f32) {
-    mesh.positions.par_iter_mut().with_min_len(1024).for_each(|p| {
-        if let Some(hit) = bvh.closest(*p, f32::INFINITY) {
-            *p = hit.point + (*p - hit.point) * keep;
-        }
-    });
-}
-
 fn corner_offset(corner: usize) -> IVec3 {
     IVec3::new((corner & 1) as i32, (corner >> 1 & 1) as i32, (corner >> 2) as i32)
 }
@@ -71,7 +60,7 @@ fn vertices_of(grid: &Grid, brick: usize) -> BrickVertices {
 fn crossing_mean(grid: &Grid, cell: IVec3, mask: u8) -> Vec3A {
     let inside = |corner: usize| mask >> corner & 1 == 1;
     // The flood and the repair may disagree with the distance: its sign is then forced, by a small value.
-    let smallest = 0.02 * grid.spacing;
+    let smallest = 0.02;
     let level = |corner: usize| {
         let value = grid.level(cell + corner_offset(corner));
         if inside(corner) { value.min(-smallest) } else { value.max(smallest) }

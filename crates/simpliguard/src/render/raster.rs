@@ -100,8 +100,9 @@ impl Raster {
 
     /// Draws opaque triangles; back faces only where `double_sided(t)`.
     pub fn draw(&mut self, clip: &[Vec4], triangles: &[[u32; 3]], double_sided: impl Fn(usize) -> bool) {
+        let pixels: Vec<Vec3> = clip.iter().map(|c| self.in_front(*c)).collect();
         for (t, triangle) in triangles.iter().enumerate() {
-            if let Some(setup) = self.set_up(clip, triangle, || double_sided(t)) {
+            if let Some(setup) = set_up(triangle.map(|v| pixels[v as usize]), || double_sided(t)) {
                 self.fill_opaque(t as u32, &setup);
             }
         }
@@ -117,7 +118,7 @@ impl Raster {
         double_sided: bool,
         mut visit: impl FnMut(usize, usize, usize) -> bool,
     ) {
-        let Some(setup) = self.set_up(clip, triangle, || double_sided) else { return };
+        let Some(setup) = set_up(triangle.map(|v| self.in_front(clip[v as usize])), || double_sided) else { return };
         let size = self.size;
         scan(&setup.corners, size, |y, x0, x1| {
             for x in x0..x1 {
@@ -131,19 +132,9 @@ impl Raster {
         });
     }
 
-    fn set_up(&self, clip: &[Vec4], triangle: &[u32; 3], double_sided: impl Fn() -> bool) -> Option<Setup> {
-        let clip = triangle.map(|v| clip[v as usize]);
-        if clip.iter().any(|c| c.w <= 0.0) {
-            return None;
-        }
-        let [a, b, c] = clip.map(|c| to_pixels(c, self.size));
-        let area = (b.x - a.x) * (c.y - a.y) - (b.y - a.y) * (c.x - a.x);
-        if area.is_nan() || area.abs() <= 1e-12 || (area < 0.0 && !double_sided()) {
-            return None;
-        }
-        let zx = ((b.z - a.z) * (c.y - a.y) - (c.z - a.z) * (b.y - a.y)) / area;
-        let zy = ((c.z - a.z) * (b.x - a.x) - (b.z - a.z) * (c.x - a.x)) / area;
-        Some(Setup { corners: [a, b, c], plane: Vec3::new(a.z - zx * a.x - zy * a.y, zx, zy) })
+    /// A corner in pixels; not a number behind the camera.
+    fn in_front(&self, clip: Vec4) -> Vec3 {
+        if clip.w > 0.0 { to_pixels(clip, self.size) } else { Vec3::NAN }
     }
 
     fn fill_opaque(&mut self, id: u32, setup: &Setup) {
@@ -162,6 +153,18 @@ impl Raster {
     }
 }
 
+/// `None` for a triangle that is not drawn.
+fn set_up(corners: [Vec3; 3], double_sided: impl Fn() -> bool) -> Option<Setup> {
+    let [a, b, c] = corners;
+    let area = (b.x - a.x) * (c.y - a.y) - (b.y - a.y) * (c.x - a.x);
+    if area.is_nan() || area.abs() <= 1e-12 || (area < 0.0 && !double_sided()) {
+        return None;
+    }
+    let zx = ((b.z - a.z) * (c.y - a.y) - (c.z - a.z) * (b.y - a.y)) / area;
+    let zy = ((c.z - a.z) * (b.x - a.x) - (b.z - a.z) * (c.x - a.x)) / area;
+    Some(Setup { corners, plane: Vec3::new(a.z - zx * a.x - zy * a.y, zx, zy) })
+}
+
 /// Calls `span(y, x0, x1)` for each row of pixel centres inside a triangle. Two triangles that share an edge evaluate it
 /// alike, so that between them no pixel is left out and none is drawn twice.
 pub(crate) fn scan(corners: &[Vec3; 3], size: usize, mut span: impl FnMut(usize, usize, usize)) {
@@ -169,19 +172,25 @@ pub(crate) fn scan(corners: &[Vec3; 3], size: usize, mut span: impl FnMut(usize,
     by_height.sort_by(|a, b| a.y.total_cmp(&b.y).then(a.x.total_cmp(&b.x)));
     let [low, middle, high] = by_height;
     let limit = size as f32;
-    let y0 = low.y.ceil().clamp(0.0, limit) as usize;
-    let y1 = high.y.ceil().clamp(0.0, limit) as usize;
+    let (y0, y1) = (first_centre(low.y, limit), first_centre(high.y, limit));
     for y in y0..y1 {
         let yf = y as f32;
         let long = edge_at(low, high, yf);
         let short = if yf < middle.y { edge_at(low, middle, yf) } else { edge_at(middle, high, yf) };
         let (left, right) = if long < short { (long, short) } else { (short, long) };
-        let x0 = left.ceil().clamp(0.0, limit) as usize;
-        let x1 = right.ceil().clamp(0.0, limit) as usize;
+        let (x0, x1) = (first_centre(left, limit), first_centre(right, limit));
         if x0 < x1 {
             span(y, x0, x1);
         }
     }
+}
+
+/// `x` rounded up, within 0 and `limit`: `f32::ceil` is a call where the machine is not known to round.
+#[inline]
+fn first_centre(x: f32, limit: f32) -> usize {
+    let x = x.clamp(0.0, limit);
+    let whole = x as i32;
+    (whole + i32::from((whole as f32) < x)) as usize
 }
 
 #[inline]
@@ -227,6 +236,13 @@ mod tests {
         let whole = count(&[[0, 1, 2], [0, 2, 3]]);
         assert_eq!(whole, count(&[[0, 1, 2]]) + count(&[[0, 2, 3]]));
         assert_eq!(whole, count(&[[0, 1, 3], [1, 2, 3]]));
+    }
+
+    #[test]
+    fn centres_are_found_as_by_rounding_up() {
+        for x in [-1.0f32, -0.0, 0.2, 1.0, 1.000_000_1, 63.5, 64.0, 1e9, f32::INFINITY, f32::NAN] {
+            assert_eq!(first_centre(x, 64.0), x.ceil().clamp(0.0, 64.0) as usize, "{x}");
+        }
     }
 
     #[test]

@@ -5,6 +5,7 @@ use std::marker::PhantomData;
 use serde::de::{DeserializeSeed, Deserializer, Error as _, MapAccess, Visitor};
 use serde::{Deserialize, Serialize};
 
+use super::importance::Importance;
 use super::resolve::{Layer, Origin, Resolved};
 use super::target::Target;
 use super::text::did_you_mean;
@@ -295,6 +296,11 @@ settings! {
     visible_weight: f32 = always(0.9), Limit::Between(0.0, 1.0), [Shape];
     /// Weight of the curvature quadric (alpha in the paper), which keeps faces where the surface bends.
     curvature: f32 = always(0.0), Limit::Between(0.0, 10.0), [Shape];
+    /// Materials whose faces count more, or less, than others, such as `[(material: "*Face*", weight: 4.0)]`; the last that
+    /// matches a material's name applies.
+    importance: Vec<Importance> = always(Vec::new()), Limit::None, [Shape];
+    /// How much more faces count where the red of the second vertex colour, `COLOR_1`, is one; where it is zero they do not.
+    painted_importance: f32 = always(1.0), Limit::Between(0.01, 100.0), [Shape];
     /// Whether the levels must stay closed, at the cost of faces that nobody sees.
     watertight: bool = always(false), Limit::None, [Shape];
     /// How a level gets its joint weights.

@@ -11,6 +11,7 @@
 //! than by writing its default.
 
 mod fields;
+mod importance;
 mod meta;
 mod project;
 mod resolve;
@@ -22,6 +23,7 @@ pub use fields::{
     BakeOverrides, BakeSettings, Candidates, ExistingLods, FieldInfo, JointPlanes, MorphTargets, Quality, SkinTransfer,
     SourceGeometry, reference,
 };
+pub use importance::Importance;
 pub use meta::parse_meta;
 pub use project::{BakeMode, CacheSettings, ProjectFile, ProjectSettings, Rule, parse_cache_size};
 pub use resolve::{Effective, Layer, Origin, Resolved, resolve};

@@ -17,8 +17,14 @@ const CELLS: usize = 65_536;
 const COVERAGE_WEIGHT: f32 = 1.5;
 
 /// Mean squared error per pixel over `views` with the best colour in each cell, 0 to about 4. `motions` move the mesh
-/// into the poses of the views.
-pub(super) fn render_error(mesh: &TriMesh, motions: &Motions, double_sided: bool, views: &[&View]) -> f64 {
+/// into the poses of the views. `weights` has one list per view with a factor for each of its pixels, or is empty.
+pub(super) fn render_error(
+    mesh: &TriMesh,
+    motions: &Motions,
+    double_sided: bool,
+    views: &[&View],
+    weights: &[Vec<f32>],
+) -> f64 {
     let painter = Painter::new(mesh, motions, double_sided);
     // Sums over views in a fixed order: one partial sum per chunk, however many threads there are.
     let sums = views
@@ -26,7 +32,7 @@ pub(super) fn render_error(mesh: &TriMesh, motions: &Motions, double_sided: bool
         .map(|chunk| {
             let mut cells = vec![Vec4::ZERO; painter.cells()];
             for view in chunk {
-                painter.for_each_pixel(view, |cell, target| {
+                painter.for_each_pixel(view, |_, cell, target| {
                     if let Some(cell) = cell.filter(|_| target.w > 0.999) {
                         cells[cell] += target;
                     }
@@ -42,11 +48,13 @@ pub(super) fn render_error(mesh: &TriMesh, motions: &Motions, double_sided: bool
     cells.iter_mut().for_each(|c| *c = if c.w > 0.0 { *c / c.w } else { Vec4::new(0.5, 0.5, 0.5, 1.0) });
     let errors: Vec<f64> = views
         .par_iter()
-        .map(|view| {
+        .enumerate()
+        .map(|(v, view)| {
             let mut error = 0.0;
-            painter.for_each_pixel(view, |cell, target| {
+            painter.for_each_pixel(view, |pixel, cell, target| {
                 let d = cell.map_or(Vec4::ZERO, |c| cells[c]) - target;
-                error += f64::from(d.xyz().length_squared() + COVERAGE_WEIGHT * d.w * d.w);
+                let weight = weights.get(v).map_or(1.0, |weights| weights[pixel]);
+                error += f64::from(weight * (d.xyz().length_squared() + COVERAGE_WEIGHT * d.w * d.w));
             });
             error / (view.picture.size * view.picture.size) as f64
         })
@@ -72,8 +80,8 @@ impl<'a> Painter<'a> {
         self.mesh.triangles.len() * self.side * self.side
     }
 
-    /// Visits every pixel that the mesh or the source covers: the cell seen there, if any, and the source's pixel.
-    fn for_each_pixel(&self, view: &View, mut visit: impl FnMut(Option<usize>, Vec4)) {
+    /// Visits every pixel that the mesh or the source covers: its index, the cell seen there, if any, and the source's pixel.
+    fn for_each_pixel(&self, view: &View, mut visit: impl FnMut(usize, Option<usize>, Vec4)) {
         let size = view.picture.size;
         let mut clip = Vec::new();
         self.motions.project(&self.mesh.positions, &view.camera, view.pose, &mut clip);
@@ -95,7 +103,7 @@ impl<'a> Painter<'a> {
                     let along = |c: f32| ((c * self.side as f32) as usize).min(self.side - 1);
                     id as usize * self.side * self.side + along(b.x) * self.side + along(b.y)
                 });
-                visit(cell, view.picture.at(i));
+                visit(i, cell, view.picture.at(i));
             }
         }
     }

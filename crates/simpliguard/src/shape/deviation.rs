@@ -3,7 +3,7 @@
 use glam::Vec3;
 use rayon::prelude::*;
 
-use super::Inputs;
+use super::Solid;
 use crate::Bvh;
 use crate::mesh::{TriMesh, bounds};
 use crate::render::fibonacci_directions;
@@ -25,29 +25,44 @@ pub struct Deviation {
     pub max: f32,
 }
 
-/// Measures a level against the source.
-pub fn deviation(inputs: &Inputs<'_>, level: &TriMesh) -> Deviation {
-    let (source, bvh) = (&inputs.solid.mesh, &inputs.solid.bvh);
-    let (low, high) = bounds(&source.positions);
-    let diagonal = low.distance(high).max(f32::MIN_POSITIVE);
-    let level_bvh = Bvh::new(&level.positions, &level.triangles);
-    let directions = fibonacci_directions(2 * RAYS);
-    let seen = |(p, n): &(Vec3, Vec3)| {
-        let lift = 1e-4 * diagonal;
-        directions.iter().any(|&d| {
-            let side = if d.dot(*n) < 0.0 { -*n } else { *n };
-            d.dot(side) > 0.1 && !bvh.occluded(*p + side * lift, d, 2.0 * diagonal)
-        })
-    };
-    let distance = |bvh: &Bvh, p: Vec3| bvh.closest(p, f32::INFINITY).map_or(0.0, |hit| hit.distance / diagonal);
-    let mut distances: Vec<f32> = points(level, POINTS).par_iter().map(|(p, _)| distance(bvh, *p)).collect();
-    let from_source: Vec<f32> =
-        points(source, POINTS).par_iter().filter(|p| seen(p)).map(|(p, _)| distance(&level_bvh, *p)).collect();
-    distances.extend(from_source);
-    distances.sort_by(f32::total_cmp);
-    let Some(&max) = distances.last() else { return Deviation::default() };
-    let mean = (distances.iter().map(|&d| f64::from(d)).sum::<f64>() / distances.len() as f64) as f32;
-    Deviation { mean, percentile_95: distances[(distances.len() - 1) * 95 / 100], max }
+/// Measures levels against one source.
+pub(super) struct Gauge<'a> {
+    solid: &'a Solid,
+    diagonal: f32,
+    /// Points of the source that can be seen.
+    points: Vec<Vec3>,
+}
+
+impl<'a> Gauge<'a> {
+    pub(super) fn new(solid: &'a Solid) -> Self {
+        let (low, high) = bounds(&solid.mesh.positions);
+        let diagonal = low.distance(high).max(f32::MIN_POSITIVE);
+        let directions = fibonacci_directions(2 * RAYS);
+        let is_seen = |(p, n): &(Vec3, Vec3)| {
+            let lift = 1e-4 * diagonal;
+            directions.iter().any(|&d| {
+                let side = if d.dot(*n) < 0.0 { -*n } else { *n };
+                d.dot(side) > 0.1 && !solid.bvh.occluded(*p + side * lift, d, 2.0 * diagonal)
+            })
+        };
+        let all = points(&solid.mesh, POINTS);
+        Self { solid, diagonal, points: all.into_par_iter().filter(is_seen).map(|(p, _)| p).collect() }
+    }
+
+    /// Distances between the level and the visible part of the source, both ways.
+    pub(super) fn measure(&self, level: &TriMesh) -> Deviation {
+        let bvh = Bvh::new(&level.positions, &level.triangles);
+        let distance =
+            |bvh: &Bvh, p: Vec3| bvh.closest(p, f32::INFINITY).map_or(0.0, |hit| hit.distance / self.diagonal);
+        let mut distances: Vec<f32> =
+            points(level, POINTS).par_iter().map(|(p, _)| distance(&self.solid.bvh, *p)).collect();
+        let from_source: Vec<f32> = self.points.par_iter().map(|p| distance(&bvh, *p)).collect();
+        distances.extend(from_source);
+        distances.sort_by(f32::total_cmp);
+        let Some(&max) = distances.last() else { return Deviation::default() };
+        let mean = (distances.iter().map(|&d| f64::from(d)).sum::<f64>() / distances.len() as f64) as f32;
+        Deviation { mean, percentile_95: distances[(distances.len() - 1) * 95 / 100], max }
+    }
 }
 
 /// About `n` points spread over a surface by area, with the normals of their faces.

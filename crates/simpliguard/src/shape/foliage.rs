@@ -6,7 +6,7 @@
 
 use glam::{Mat3, Vec3};
 
-use super::{Inputs, Params, Road, Shape, collapse_dense, visibility, weld};
+use super::{Gauge, Inputs, Params, Road, Shape, collapse_dense, visibility, weld};
 use crate::Context;
 use crate::mesh::{DisjointSets, TriMesh, bounds};
 
@@ -50,7 +50,13 @@ struct Foliage {
 /// One shape per budget if the source is foliage, else `None`.
 pub(super) fn shapes(inputs: &Inputs<'_>, params: &Params) -> Option<Vec<Shape>> {
     let foliage = Foliage::find(inputs)?;
-    Some(params.budgets.iter().map(|&budget| foliage.shape(inputs, params, budget)).collect())
+    let gauge = Gauge::new(inputs.solid);
+    let shape = |&budget: &u32| {
+        let mut shape = foliage.shape(inputs, params, budget);
+        shape.deviation = gauge.measure(&shape.mesh);
+        shape
+    };
+    Some(params.budgets.iter().map(shape).collect())
 }
 
 impl Foliage {
@@ -101,14 +107,7 @@ impl Foliage {
             cards.reach.push(add_card(&mut mesh, &self.points(&triangles)));
             cards.group.extend([group as u32; 2]);
         }
-        Shape {
-            mesh,
-            double_sided: true,
-            road: Road::Cards,
-            render_error: 0.0,
-            self_intersecting: 0,
-            cards: Some(cards),
-        }
+        Shape::unjudged(mesh, true, Road::Cards, Some(cards))
     }
 
     /// What is no leaf, collapsed to `budget` faces.

@@ -169,6 +169,7 @@ mod tests {
             frame: Frame::around(&model.surface.positions),
             views: &[],
             poses: poses.as_ref(),
+            importance: None,
         };
         let topology = Topology::of(&wrap(&inputs, &reconstruct::Params::new(64)));
         assert!(topology.is_closed_manifold(), "{topology:?}");

@@ -9,8 +9,10 @@
 
 mod candidates;
 mod collapse;
+mod contest;
 mod deviation;
 mod foliage;
+mod importance;
 mod layers;
 mod quadric;
 mod solid;
@@ -28,9 +30,12 @@ use crate::render::{Frame, Motions, View};
 use crate::rig::{self, Donor, JointPlane, Poses, Transfer};
 use crate::{Bvh, Context, Error, StageId};
 use collapse::Simplifier;
+use contest::{Contest, is_tangled};
+use deviation::Gauge;
 
-pub use deviation::{Deviation, deviation};
+pub use deviation::Deviation;
 pub use foliage::{Cards, NO_CARD};
+pub use importance::Importance;
 pub use solid::Solid;
 
 /// Directions that a mesh in the rest pose is looked at from.
@@ -41,13 +46,6 @@ const ENCLOSED_AT: usize = 4;
 const RINGS: usize = 2;
 /// A component that deserves fewer faces than this is dropped.
 const NEGLIGIBLE_FACES: f64 = 0.75;
-
-/// Part of a shape's faces that may pass through others before it counts as tangled.
-const MAY_INTERSECT: f64 = 0.01;
-/// A tangled shape is only taken if its error is this many times smaller than that of the best other one: one decibel.
-const TANGLED: f64 = 1.26;
-/// As [`TANGLED`]; a finer reconstruction is tried where it may come that close.
-const WITHIN_REACH: f64 = 1.6;
 
 /// Largest part of a budget that is kept for the faces along joint planes.
 const MOST_RESERVED: f64 = 0.25;
@@ -119,10 +117,19 @@ pub struct Shape {
     pub road: Road,
     /// Error against the source's pictures that no texture removes, mean square per pixel.
     pub render_error: f64,
+    /// Distances to the source, in the rest pose.
+    pub deviation: Deviation,
     /// Faces that pass through others.
     pub self_intersecting: usize,
     /// Which faces are cut-out cards, if the source is foliage.
     pub cards: Option<Cards>,
+}
+
+impl Shape {
+    fn unjudged(mesh: TriMesh, double_sided: bool, road: Road, cards: Option<Cards>) -> Self {
+        let (render_error, deviation) = (f64::INFINITY, Deviation::default());
+        Self { mesh, double_sided, road, render_error, deviation, self_intersecting: 0, cards }
+    }
 }
 
 /// What shapes are made from and judged by.
@@ -141,6 +148,8 @@ pub struct Inputs<'a> {
     pub views: &'a [View],
     /// Poses that its clips put it in.
     pub poses: Option<&'a Poses<'a>>,
+    /// How much its triangles count, unless they all count alike.
+    pub importance: Option<&'a Importance>,
 }
 
 impl Inputs<'_> {
@@ -188,15 +197,16 @@ fn best_shapes(inputs: &Inputs<'_>, params: &Params, context: &Context<'_>) -> R
     if params.source {
         roads.push(Road::Source);
     }
+    let judges = Judges::new(inputs);
     let mut contests: Vec<Contest> = params.budgets.iter().map(|_| Contest::default()).collect();
-    walk_all(inputs, params, &roads, &mut contests, context)?;
-    if contests.iter().any(|c| c.best().is_none()) {
+    walk_all(inputs, params, &roads, &judges, &mut contests, context)?;
+    if contests.iter().any(Contest::is_empty) {
         // A coarse, thick reconstruction has few handles to get stuck on.
         for road in [96, 64, 32].map(|n| Road::Reconstruction(reconstruct::Params::thick(n))) {
             let mut spare: Vec<Contest> = params.budgets.iter().map(|_| Contest::default()).collect();
-            walk_all(inputs, params, &[road], &mut spare, context)?;
+            walk_all(inputs, params, &[road], &judges, &mut spare, context)?;
             for (contest, spare) in contests.iter_mut().zip(spare) {
-                if contest.best().is_none() {
+                if contest.is_empty() {
                     *contest = spare;
                 }
             }
@@ -205,7 +215,7 @@ fn best_shapes(inputs: &Inputs<'_>, params: &Params, context: &Context<'_>) -> R
     if let Some(finer) = params.finer
         && contests.iter().any(Contest::wants_finer)
     {
-        walk_all(inputs, params, &[Road::Reconstruction(finer)], &mut contests, context)?;
+        walk_all(inputs, params, &[Road::Reconstruction(finer)], &judges, &mut contests, context)?;
     }
     let found: Option<Vec<Shape>> = contests.into_iter().map(Contest::into_best).collect();
     found.ok_or_else(|| {
@@ -218,48 +228,33 @@ fn best_shapes(inputs: &Inputs<'_>, params: &Params, context: &Context<'_>) -> R
     })
 }
 
-/// The best shapes for a budget so far.
-#[derive(Default)]
-struct Contest {
-    clean: Option<Shape>,
-    /// The best of those whose faces pass through each other.
-    tangled: Option<Shape>,
-}
-
-impl Contest {
-    fn enter(&mut self, shape: Shape) {
-        let best = if is_tangled(&shape.mesh, shape.self_intersecting) { &mut self.tangled } else { &mut self.clean };
-        if best.as_ref().is_none_or(|b| shape.render_error < b.render_error) {
-            *best = Some(shape);
-        }
-    }
-
-    /// Whether the best tangled shape has an error more than `times` smaller than that of the best clean one.
-    fn tangled_wins(&self, times: f64) -> bool {
-        let error = |shape: &Option<Shape>| shape.as_ref().map_or(f64::INFINITY, |s| s.render_error);
-        self.tangled.is_some() && error(&self.tangled) * times < error(&self.clean)
-    }
-
-    fn wants_finer(&self) -> bool {
-        self.tangled_wins(1.0) && !self.tangled_wins(WITHIN_REACH)
-    }
-
-    fn best(&self) -> Option<&Shape> {
-        if self.tangled_wins(TANGLED) { self.tangled.as_ref() } else { self.clean.as_ref() }
-    }
-
-    fn into_best(self) -> Option<Shape> {
-        if self.tangled_wins(TANGLED) { self.tangled } else { self.clean }
-    }
-}
-
 /// Faces of a mesh that pass through others.
 fn tangled_faces(mesh: &TriMesh) -> usize {
     self_intersecting(mesh).into_iter().filter(|face| *face).count()
 }
 
-fn is_tangled(mesh: &TriMesh, tangled_faces: usize) -> bool {
-    tangled_faces as f64 > MAY_INTERSECT * mesh.triangles.len() as f64
+/// What shapes are judged by.
+struct Judges<'a> {
+    views: Vec<&'a View>,
+    /// A factor for each of their pixels; empty if all count alike.
+    weights: Vec<Vec<f32>>,
+    gauge: Gauge<'a>,
+}
+
+impl<'a> Judges<'a> {
+    fn new(inputs: &Inputs<'a>) -> Self {
+        let views: Vec<&View> = inputs.views.iter().step_by(3).collect();
+        let weights = inputs.importance.map(|i| i.of_pixels(inputs.model, inputs.poses, &views)).unwrap_or_default();
+        Self { views, weights, gauge: Gauge::new(inputs.solid) }
+    }
+
+    fn judge(&self, inputs: &Inputs<'_>, shape: &mut Shape) {
+        let (mesh, double_sided) = (&shape.mesh, shape.double_sided);
+        let motions = inputs.motions(mesh);
+        let render_error = candidates::render_error(mesh, &motions, double_sided, &self.views, &self.weights);
+        let (deviation, self_intersecting) = (self.gauge.measure(mesh), tangled_faces(mesh));
+        (shape.render_error, shape.deviation, shape.self_intersecting) = (render_error, deviation, self_intersecting);
+    }
 }
 
 /// Walks the roads and enters what they lead to into the contests.
@@ -267,6 +262,7 @@ fn walk_all(
     inputs: &Inputs<'_>,
     params: &Params,
     roads: &[Road],
+    judges: &Judges<'_>,
     contests: &mut [Contest],
     context: &Context<'_>,
 ) -> Result<(), Error> {
@@ -276,7 +272,6 @@ fn walk_all(
         context.stored(key, || walk(inputs, params, road, context))
     };
     let walked: Result<Vec<Vec<Shape>>, Error> = roads.par_iter().map(walk).collect();
-    let judges: Vec<&View> = inputs.views.iter().step_by(3).collect();
     for shapes in walked? {
         for (i, mut shape) in shapes.into_iter().enumerate() {
             let (contest, budget) = (i % contests.len(), params.budgets[i % contests.len()]);
@@ -285,11 +280,9 @@ fn walk_all(
                 continue;
             }
             context.check(&inputs.model.name)?;
-            let motions = inputs.motions(&shape.mesh);
-            shape.render_error = candidates::render_error(&shape.mesh, &motions, shape.double_sided, &judges);
-            shape.self_intersecting = tangled_faces(&shape.mesh);
-            let Shape { road, render_error: error, self_intersecting: tangled, .. } = &shape;
-            tracing::debug!(%road, budget, faces, error, tangled, "candidate");
+            judges.judge(inputs, &mut shape);
+            let Shape { road, render_error: error, deviation, self_intersecting: tangled, .. } = &shape;
+            tracing::debug!(%road, budget, faces, error, distance = deviation.mean, tangled, "candidate");
             contests[contest].enter(shape);
         }
     }
@@ -317,7 +310,10 @@ fn collapse_dense(
     context: &Context<'_>,
 ) -> Vec<Shape> {
     let unit = to_unit_sphere(mesh, &inputs.frame);
-    let weights = face_weights(&unit, pixels, params.visible_weight);
+    let mut weights = face_weights(&unit, pixels, params.visible_weight);
+    if let Some(importance) = inputs.importance {
+        weights.iter_mut().zip(importance.of_faces(mesh, inputs.bvh)).for_each(|(weight, factor)| *weight *= factor);
+    }
     let mut simplifier = Simplifier::new(&unit, &weights, params.curvature);
     simplifier.stop_with(&context.cancellation);
     let largest = params.budgets.last().copied().unwrap_or(0) as usize;
@@ -334,10 +330,10 @@ fn collapse_dense(
     if let Some(poses) = inputs.poses {
         simplifier.follow(poses.count(), |unit| motions_in_unit_sphere(inputs, poses, unit));
     }
-    // Parts of a source may pass through each other: collapses cannot mend that, and would be stuck on it.
     let down = |simplifier: &mut Simplifier| down_to_budgets(simplifier, inputs, params, road, double_sided);
+    // Parts of a source may pass through each other: collapses cannot mend that, and would be stuck on it.
     let dense = simplifier.mesh();
-    if is_tangled(&dense, tangled_faces(&dense)) {
+    if is_tangled(dense.triangles.len(), tangled_faces(&dense)) {
         return down(&mut simplifier);
     }
     let mut unwatched = simplifier.clone();
@@ -365,8 +361,7 @@ fn down_to_budgets(
         }
         simplifier.run(budget as usize);
         let mesh = with_joint_planes(simplifier, inputs, &params.joint_planes, budget as usize);
-        let render_error = f64::INFINITY;
-        shapes.push(Shape { mesh, double_sided, road, render_error, self_intersecting: 0, cards: None });
+        shapes.push(Shape::unjudged(mesh, double_sided, road, None));
     }
     shapes.reverse();
     shapes

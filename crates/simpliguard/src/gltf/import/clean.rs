@@ -135,6 +135,7 @@ fn retain(surface: &mut Surface, keep: &[bool]) {
     retain_marked(&mut surface.tangents, &used);
     surface.uvs.iter_mut().for_each(|uvs| retain_marked(uvs, &used));
     retain_marked(&mut surface.colors, &used);
+    retain_marked(&mut surface.painted, &used);
     retain_marked(&mut surface.influences, &used);
 }
 

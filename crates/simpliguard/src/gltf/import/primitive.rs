@@ -23,6 +23,8 @@ pub(super) struct Primitive {
     pub(super) tangents: Option<Vec<Vec4>>,
     pub(super) uvs: [Option<Vec<Vec2>>; 2],
     pub(super) colors: Option<Vec<Vec4>>,
+    /// Red of the second vertex colour.
+    pub(super) painted: Option<Vec<f32>>,
     /// Joints as numbered by the skin; all zero where no weight is positive.
     pub(super) influences: Option<Vec<Influences>>,
     pub(super) triangles: Vec<[u32; 3]>,
@@ -64,7 +66,8 @@ pub(super) fn read(
         positions,
         tangents: attributes.tangents()?,
         uvs: [attributes.uvs(uv_sets[0])?, attributes.uvs(uv_sets[1])?],
-        colors: attributes.colors()?,
+        colors: attributes.colors("COLOR_0")?,
+        painted: attributes.colors("COLOR_1")?.map(|colors| colors.iter().map(|c| c.x.min(1.0)).collect()),
         influences: attributes.influences()?,
         moves: if with_moves { attributes.moves()? } else { Vec::new() },
         triangles,
@@ -174,8 +177,8 @@ impl Attributes<'_> {
     }
 
     /// Linear RGBA; a colour without alpha is opaque.
-    fn colors(&self) -> Result<Option<Vec<Vec4>>, Error> {
-        let Some(accessor) = self.accessor("COLOR_0") else { return Ok(None) };
+    fn colors(&self, name: &str) -> Result<Option<Vec<Vec4>>, Error> {
+        let Some(accessor) = self.accessor(name) else { return Ok(None) };
         let colors: Vec<Vec4> = if self.reader.components(accessor)? == 3 {
             self.reader.normalized(accessor, self.at())?.into_iter().map(|c| Vec3::from_array(c).extend(1.0)).collect()
         } else {

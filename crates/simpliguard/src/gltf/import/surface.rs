@@ -193,6 +193,11 @@ impl Assembly {
             surface.colors.extend_from_slice(part.colors.as_deref().unwrap_or_default());
             surface.colors.resize(base + count, Vec4::ONE);
         }
+        if part.painted.is_some() || !surface.painted.is_empty() {
+            surface.painted.resize(base, 0.0);
+            surface.painted.extend_from_slice(part.painted.as_deref().unwrap_or_default());
+            surface.painted.resize(base + count, 0.0);
+        }
         let turned = 2 * mirrored > count;
         let numbered = part.triangles.iter().map(|t| t.map(|vertex| vertex + base as u32));
         surface.triangles.extend(numbered.map(|[a, b, c]| if turned { [a, c, b] } else { [a, b, c] }));

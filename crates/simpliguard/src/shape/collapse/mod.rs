@@ -10,6 +10,7 @@ mod components;
 mod guard;
 mod link;
 mod motion;
+mod placement;
 mod queue;
 #[cfg(test)]
 mod tests;
@@ -18,6 +19,7 @@ use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
 use self::motion::InMotion;
+use self::placement::part_of_way;
 use self::queue::{Precision, Queue};
 use super::quadric::{Attribute, Planes, Quadric};
 use crate::Cancellation;
@@ -80,6 +82,8 @@ struct Entry {
     v: u32,
     /// Sum of both stamps: they only rise.
     stamp: u32,
+    /// Places that were refused.
+    refused: u32,
 }
 
 /// What a collapse may do to the faces around it.
@@ -89,12 +93,6 @@ struct Rules {
     max_turn: f64,
     /// More faces may pass through each other.
     may_intersect: bool,
-}
-
-/// Where `p` projects onto the edge from `a` to `b`, 0 to 1.
-fn part_of_way(a: DVec3, b: DVec3, p: DVec3) -> f64 {
-    let way = b - a;
-    ((p - a).dot(way) / way.length_squared().max(f64::MIN_POSITIVE)).clamp(0.0, 1.0)
 }
 
 impl Simplifier {
@@ -264,29 +262,11 @@ impl Simplifier {
 
     fn entry(&self, u: u32, v: u32) -> Entry {
         let (u, v) = (u.min(v), u.max(v));
-        Entry { cost: self.placement(u, v).1 as f32, u, v, stamp: self.stamp(u, v) }
+        Entry { cost: self.placement(u, v).1 as f32, u, v, stamp: self.stamp(u, v), refused: 0 }
     }
 
     fn stamp(&self, u: u32, v: u32) -> u32 {
         self.stamps[u as usize].wrapping_add(self.stamps[v as usize])
-    }
-
-    /// Where the edge would collapse to, and the error there.
-    fn placement(&self, u: u32, v: u32) -> (DVec3, f64) {
-        let mut quadric = self.quadric(u);
-        quadric.add(&self.quadric(v));
-        let (a, b) = (self.positions[u as usize], self.positions[v as usize]);
-        let (middle, length) = ((a + b) * 0.5, a.distance(b));
-        // On flats, where every place is as good, short edges go first.
-        let tie = 1e-9 * length.powi(4);
-        let in_motion = |p: DVec3| self.in_motion.as_ref().map_or(0.0, |m| m.error(u, v, part_of_way(a, b, p), p));
-        let minimum = quadric.minimum().filter(|p| p.distance(middle) < 2.0 * length);
-        if let Some(p) = minimum.filter(|_| self.in_motion.is_none()) {
-            return (p, quadric.error(p) + tie);
-        }
-        let candidates = [minimum.unwrap_or(middle), middle, a, b].map(|p| (p, quadric.error(p) + in_motion(p)));
-        let best = candidates.into_iter().reduce(|best, c| if c.1 < best.1 { c } else { best });
-        best.map_or((middle, tie), |(p, error)| (p, error + tie))
     }
 
     fn collapse_to(&mut self, target: usize, rules: Rules) {
@@ -300,12 +280,14 @@ impl Simplifier {
                 self.collapse_tetrahedron(&entry);
                 continue;
             }
-            let (place, _) = self.placement(u, v);
+            let place = self.place_of(&entry);
             if self.keeps_faces(u, v, place, rules.max_turn)
                 && self.keeps_faces(v, u, place, rules.max_turn)
                 && (rules.may_intersect || !self.intersects_more(u, v, place))
             {
                 self.collapse(u, v, place);
+            } else {
+                self.push_next_place(&entry);
             }
         }
     }

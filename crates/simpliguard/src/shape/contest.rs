@@ -1,0 +1,116 @@
+//! Which of several shapes for a budget is kept.
+//!
+//! Shapes are compared by what they render. A tenth of a decibel that a texture may paint over is worth neither a surface
+//! twice as far from the source nor faces that pass through each other: both add to the score.
+
+use super::Shape;
+
+/// Part of a shape's faces that may pass through others before it counts as tangled.
+const MAY_INTERSECT: f64 = 0.01;
+/// A tangled shape is only taken if its score is this many times smaller than that of the best other one: one decibel.
+const TANGLED: f64 = 1.26;
+/// As [`TANGLED`]; a finer reconstruction is tried where it may come that close.
+const WITHIN_REACH: f64 = 1.6;
+/// How much larger the score of a shape gets that is twice as far from the source as the closest one, as a part of it.
+const DISTANCE_WEIGHT: f64 = 0.15;
+/// Distances below this are equal, as a fraction of the diagonal of the source's bounding box.
+const EQUAL_DISTANCE: f32 = 2e-5;
+
+/// Whether more faces pass through others than may.
+pub(super) fn is_tangled(faces: usize, tangled_faces: usize) -> bool {
+    tangled_faces as f64 > MAY_INTERSECT * faces as f64
+}
+
+/// The shapes for a budget.
+#[derive(Default)]
+pub(super) struct Contest(Vec<Shape>);
+
+impl Contest {
+    pub(super) fn enter(&mut self, shape: Shape) {
+        self.0.push(shape);
+    }
+
+    pub(super) fn is_empty(&self) -> bool {
+        self.0.is_empty()
+    }
+
+    /// Whether a finer reconstruction may be free of the faces that pass through each other in the best shape.
+    pub(super) fn wants_finer(&self) -> bool {
+        let [clean, tangled] = self.best_scores();
+        tangled < clean && tangled * WITHIN_REACH >= clean
+    }
+
+    /// The best shape.
+    pub(super) fn into_best(self) -> Option<Shape> {
+        let [clean, tangled] = self.best_scores();
+        let take_tangled = tangled * TANGLED < clean || clean.is_infinite();
+        let scores: Vec<f64> = self.0.iter().map(|shape| self.score(shape)).collect();
+        let candidates = self.0.into_iter().zip(scores).filter(|(shape, _)| tangled_shape(shape) == take_tangled);
+        candidates.reduce(|best, next| if next.1 < best.1 { next } else { best }).map(|(shape, _)| shape)
+    }
+
+    /// The least score of the shapes that are not tangled, and of those that are.
+    fn best_scores(&self) -> [f64; 2] {
+        [false, true].map(|tangled| {
+            let scores = self.0.iter().filter(|s| tangled_shape(s) == tangled).map(|s| self.score(s));
+            scores.fold(f64::INFINITY, f64::min)
+        })
+    }
+
+    fn score(&self, shape: &Shape) -> f64 {
+        let distance = |shape: &Shape| f64::from(shape.deviation.mean.max(EQUAL_DISTANCE));
+        let closest = self.0.iter().map(distance).fold(f64::INFINITY, f64::min);
+        let tangled = shape.self_intersecting as f64 / shape.mesh.triangles.len().max(1) as f64;
+        shape.render_error * (1.0 + DISTANCE_WEIGHT * (distance(shape) / closest - 1.0)) * (1.0 + tangled)
+    }
+}
+
+fn tangled_shape(shape: &Shape) -> bool {
+    is_tangled(shape.mesh.triangles.len(), shape.self_intersecting)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::mesh::TriMesh;
+    use crate::shape::{Deviation, Road};
+
+    fn shape(render_error: f64, mean: f32, self_intersecting: usize) -> Shape {
+        Shape {
+            mesh: TriMesh { positions: Vec::new(), triangles: vec![[0, 1, 2]; 100] },
+            double_sided: false,
+            road: Road::Source,
+            render_error,
+            deviation: Deviation { mean, ..Deviation::default() },
+            self_intersecting,
+            cards: None,
+        }
+    }
+
+    fn winner(shapes: &[Shape]) -> f64 {
+        let mut contest = Contest::default();
+        shapes.iter().cloned().for_each(|shape| contest.enter(shape));
+        contest.into_best().expect("one").render_error
+    }
+
+    #[test]
+    fn the_better_picture_wins_unless_its_surface_is_much_farther_off() {
+        assert_eq!(winner(&[shape(1.0, 1e-3, 0), shape(0.9, 1e-3, 0)]), 0.9);
+        assert_eq!(winner(&[shape(1.0, 1e-3, 0), shape(0.9, 4e-3, 0)]), 1.0);
+        assert_eq!(winner(&[shape(1.0, 0.0, 0), shape(0.9, 1e-5, 0)]), 0.9);
+    }
+
+    #[test]
+    fn a_tangled_shape_wins_by_a_decibel_or_alone() {
+        assert_eq!(winner(&[shape(1.0, 1e-3, 0), shape(0.85, 1e-3, 9)]), 1.0);
+        assert_eq!(winner(&[shape(1.0, 1e-3, 1), shape(0.7, 1e-3, 9)]), 0.7);
+        assert_eq!(winner(&[shape(0.85, 1e-3, 9)]), 0.85);
+    }
+
+    #[test]
+    fn a_finer_surface_is_wanted_where_it_may_untangle_the_winner() {
+        let wanted =
+            |clean: f64, tangled: f64| Contest(vec![shape(clean, 1e-3, 0), shape(tangled, 1e-3, 9)]).wants_finer();
+        assert!(wanted(1.0, 0.9) && !wanted(1.0, 0.5) && !wanted(0.9, 1.0));
+    }
+}
