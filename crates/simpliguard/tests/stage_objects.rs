@@ -92,7 +92,7 @@ impl Ball {
                 {"bufferView": 2, "componentType": 5125, "type": "SCALAR", "count": indices.len()},
             ],
         });
-        let texel = |x: u32, _| if x / 8 % 2 == 0 { Rgb(stripes) } else { Rgb([200, 200, 200]) };
+        let texel = |x: u32, _| if (x / 8).is_multiple_of(2) { Rgb(stripes) } else { Rgb([200, 200, 200]) };
         let mut png = Cursor::new(Vec::new());
         RgbImage::from_fn(64, 64, texel).write_to(&mut png, ImageFormat::Png).expect("a PNG");
         let gltf = serde_json::to_vec(&gltf).expect("JSON");
