@@ -81,7 +81,7 @@ pub(crate) fn make_level(
     let refined = (!alpha).then_some(Refined { psnr, ..refined });
 
     let unlit = model.materials.iter().all(|m| m.unlit);
-    let channels = Channels { normal: settings.normal_map && !unlit, alpha };
+    let channels = Channels { normal: settings.normal_map && !unlit, alpha, format: settings.texture_format };
     let topology = LevelTopology::of(&mesh);
     let (mesh, textures, material) = clock.time(StageId::Texture, || {
         let morphs = match settings.morph_targets {

@@ -60,6 +60,9 @@ pub(crate) struct BakeArgs {
     /// Also write a contact sheet, `<stem>_sheet.png`: the source beside its levels.
     #[arg(long)]
     pub(crate) sheet: bool,
+    /// Also write a turntable, `<stem>_turntable.png`: an animated PNG of the source and its levels.
+    #[arg(long)]
+    pub(crate) turntable: bool,
     /// Print one JSON document to stdout; everything else goes to stderr.
     #[arg(long)]
     pub(crate) json: bool,

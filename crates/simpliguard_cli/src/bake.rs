@@ -7,13 +7,14 @@ use std::time::Instant;
 
 use image::{ImageFormat, RgbImage};
 use rayon::{ThreadPool, ThreadPoolBuilder};
+use simpliguard::gltf::{Limits, import};
 use simpliguard::model::{Level, Model};
 use simpliguard::settings::BakeSettings;
-use simpliguard::{Cancellation, Context, Error, Source, StageId, StageStore};
+use simpliguard::{Cancellation, Context, Error, NoResources, Source, StageId, StageStore};
 use simpliguard_cache::{
     BakeResult, Cache, Draw, Durability, Explicit, Key, Lookup, Notice, Once, bake_key, can_write_in, write_atomic,
 };
-use simpliguard_eval::contact_sheet;
+use simpliguard_eval::{TurntableError, contact_sheet, turntable};
 
 use crate::UsageError;
 use crate::args::BakeArgs;
@@ -150,10 +151,13 @@ impl<'a> Runner<'a> {
         let context = Context { progress: Some(progress), stages, ..Context::default() };
         let draw = |model: &Model, levels: &[Level]| png(&model.name, &contact_sheet(model, levels));
         let sheet: Option<Draw<'_>> = if self.args.sheet { Some(&draw) } else { None };
-        let chain = || BakeResult::compute(source, settings, &context, sheet);
+        self.in_pool(|| BakeResult::compute(source, settings, &context, sheet))
+    }
+
+    fn in_pool<T: Send>(&self, work: impl FnOnce() -> T + Send) -> T {
         match &self.pool {
-            Some(pool) => pool.install(chain),
-            None => chain(),
+            Some(pool) => pool.install(work),
+            None => work(),
         }
     }
 
@@ -172,6 +176,12 @@ impl<'a> Runner<'a> {
             let path = job.sheet_path();
             self.write_file(job, &path, png)?;
             written.sheet = Some(path);
+        }
+        if self.args.turntable && !result.levels.is_empty() {
+            let path = job.turntable_path();
+            let png = self.in_pool(|| draw_turntable(job, &result.levels))?;
+            self.write_file(job, &path, &png)?;
+            written.turntable = Some(path);
         }
         Ok(written)
     }
@@ -193,6 +203,18 @@ impl<'a> Runner<'a> {
         let _hold = self.interrupt.hold();
         can_write_in(folder).map_err(|e| unwritable(job, &path, &e))
     }
+}
+
+/// Drawn from the files of the levels, so that a result from the cache will do.
+fn draw_turntable(job: &Job, levels: &[(u32, Vec<u8>)]) -> Result<Vec<u8>, Error> {
+    let file = SourceFile::read(&job.input, &job.name)?;
+    let model = import(&file.source(), &Limits::default())?;
+    let level = |(_, glb): &(u32, Vec<u8>)| {
+        import(&Source { name: &job.name, bytes: glb, resources: &NoResources }, &Limits::default())
+    };
+    let levels: Vec<Model> = levels.iter().rev().map(level).collect::<Result<_, _>>()?;
+    let invalid = |e: TurntableError| Error::invalid(&job.name, StageId::Export, format!("{e}"), "omit --turntable");
+    turntable(&model, &levels).map_err(invalid)
 }
 
 fn unwritable(job: &Job, path: &Path, error: &io::Error) -> Error {

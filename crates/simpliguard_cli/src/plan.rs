@@ -43,6 +43,11 @@ impl Job {
         self.with_suffix("_sheet.png")
     }
 
+    /// The turntable.
+    pub(crate) fn turntable_path(&self) -> PathBuf {
+        self.with_suffix("_turntable.png")
+    }
+
     fn with_suffix(&self, suffix: &str) -> PathBuf {
         let mut path = self.stem.clone().into_os_string();
         path.push(suffix);
@@ -60,6 +65,9 @@ impl Job {
         }
         if args.sheet {
             outputs.push(self.sheet_path());
+        }
+        if args.turntable {
+            outputs.push(self.turntable_path());
         }
         outputs
     }

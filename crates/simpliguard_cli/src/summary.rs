@@ -28,6 +28,8 @@ pub(crate) struct Outcome {
     levels: Vec<Level>,
     /// The contact sheet; null if there is none.
     sheet: Option<String>,
+    /// The turntable; null if there is none.
+    turntable: Option<String>,
     /// What the user should know about the result.
     notes: Vec<String>,
     /// Time of each stage; empty if nothing was baked.
@@ -42,6 +44,7 @@ pub(crate) struct Written {
     /// The levels' own files in their order, or none.
     pub(crate) levels: Vec<PathBuf>,
     pub(crate) sheet: Option<PathBuf>,
+    pub(crate) turntable: Option<PathBuf>,
 }
 
 #[derive(Debug, Serialize)]
@@ -82,6 +85,7 @@ impl Outcome {
             error: None,
             levels,
             sheet: written.sheet.map(|path| path.display().to_string()),
+            turntable: written.turntable.map(|path| path.display().to_string()),
             notes: report.notes,
             seconds,
             seconds_total: elapsed.as_secs_f64(),
@@ -97,6 +101,7 @@ impl Outcome {
             error: Some(error),
             levels: Vec::new(),
             sheet: None,
+            turntable: None,
             notes: Vec::new(),
             seconds: BTreeMap::new(),
             seconds_total: elapsed.as_secs_f64(),

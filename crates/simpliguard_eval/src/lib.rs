@@ -2,5 +2,7 @@
 
 mod sheet;
 pub mod stress;
+mod turntable;
 
 pub use sheet::contact_sheet;
+pub use turntable::{TurntableError, turntable};

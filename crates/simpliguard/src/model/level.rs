@@ -1,6 +1,8 @@
 use glam::{Affine2, Vec2, Vec3, Vec4};
 use image::{DynamicImage, RgbImage, RgbaImage};
 
+use crate::settings::TextureFormat;
+
 use super::{AlphaMode, Influences, Material, Model, Surface, Texture, TextureRef, Wrap};
 
 /// One finished level of detail.
@@ -74,6 +76,8 @@ pub struct LevelTextures {
     pub occlusion_roughness_metallic: Option<RgbImage>,
     /// sRGB.
     pub emissive: Option<RgbImage>,
+    /// How colours are stored in a file.
+    pub format: TextureFormat,
 }
 
 impl Level {

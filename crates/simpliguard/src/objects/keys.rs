@@ -4,7 +4,7 @@ use bytemuck::cast_slice;
 
 use crate::mesh::TriMesh;
 use crate::model::{Bone, Document, Influences, Model, Pose, Surface};
-use crate::settings::{BakeSettings, SourceGeometry};
+use crate::settings::{BakeSettings, SourceGeometry, TextureFormat};
 use crate::shape::{Inputs, Params, Road};
 use crate::unwrap::UnwrapParams;
 use crate::{Key, KeyBuilder, Source, StageId};
@@ -97,7 +97,12 @@ fn with_surface(key: KeyBuilder, surface: &Surface) -> KeyBuilder {
 /// Where descent leaves the vertices of a level.
 pub(crate) fn descent_key(content: &Key, settings: &BakeSettings, budget: u32) -> Key {
     // What is only read when a level is finished.
-    let read = BakeSettings { normal_map: true, source: SourceGeometry::Keep, ..settings.clone() };
+    let read = BakeSettings {
+        normal_map: true,
+        source: SourceGeometry::Keep,
+        texture_format: TextureFormat::Png,
+        ..settings.clone()
+    };
     KeyBuilder::for_stage(StageId::Refine)
         .key(content)
         .settings(&read.canonical_bake())
@@ -167,6 +172,7 @@ mod tests {
             BakeSettings { texture_size: 64, ..base.clone() },
             BakeSettings { gutter: 2, ..base.clone() },
             BakeSettings { normal_map: false, ..base.clone() },
+            BakeSettings { texture_format: TextureFormat::Jpeg(90), ..base.clone() },
             BakeSettings { refine_steps: 1, ..base.clone() },
         ] {
             assert_eq!(key(&later), key(&base), "{later:?}");
@@ -186,6 +192,7 @@ mod tests {
         let base = BakeSettings::default();
         assert_eq!(key(&BakeSettings { normal_map: false, ..base.clone() }), key(&base));
         assert_eq!(key(&BakeSettings { source: SourceGeometry::Drop, ..base.clone() }), key(&base));
+        assert_eq!(key(&BakeSettings { texture_format: TextureFormat::Jpeg(90), ..base.clone() }), key(&base));
         assert_ne!(key(&BakeSettings { gutter: 2, ..base.clone() }), key(&base));
         assert_ne!(descent_key(&KeyBuilder::new("1").finish(), &base, 2000), key(&base));
     }

@@ -9,7 +9,7 @@ use super::importance::Importance;
 use super::resolve::{Layer, Origin, Resolved};
 use super::target::Target;
 use super::text::did_you_mean;
-use super::value::{Limit, Resolution, Value, choice};
+use super::value::{Limit, Resolution, TextureFormat, Value, choice};
 use crate::{Error, StageId};
 
 choice! {
@@ -317,6 +317,9 @@ settings! {
     poses: u32 = by_quality(2, 4, 6), Limit::Between(0.0, 16.0), [Reconstruct, Shape, Texture, Refine];
     /// Side of each level's square textures, in texels; levels of at most 1,000 faces get half of it.
     texture_size: u32 = always(1024), Limit::PowerOfTwo(64, 4096), [Unwrap, Texture, Refine];
+    /// How colours are stored: `Jpeg(90)` takes a fraction of the bytes. Images with alpha, and those that are no colours
+    /// (normals, occlusion, roughness and metalness), stay PNG.
+    texture_format: TextureFormat = always(TextureFormat::Png), Limit::Between(1.0, 100.0), [Texture, Export];
     /// Distance between charts, in texels.
     gutter: u32 = always(4), Limit::Between(1.0, 16.0), [Unwrap, Texture];
     /// Whether a level gets a normal map with the source's detail.
@@ -448,6 +451,7 @@ mod tests {
             ("resolution", "128"),
             ("faces", "500, 100"),
             ("visible_weight", "0.5"),
+            ("texture-format", "jpeg-85"),
         ] {
             o.set(name, value).expect(name);
         }
@@ -456,6 +460,7 @@ mod tests {
         assert_eq!(o.resolution, Some(Resolution::Cells(128)));
         assert_eq!(o.faces, Some(vec![500, 100]));
         assert_eq!(o.visible_weight, Some(0.5));
+        assert_eq!(o.texture_format, Some(TextureFormat::Jpeg(85)));
         o.set("resolution", "auto").expect("auto");
         assert_eq!(o.resolution, Some(Resolution::Auto));
     }

@@ -29,4 +29,4 @@ pub use project::{BakeMode, CacheSettings, ProjectFile, ProjectSettings, Rule, p
 pub use resolve::{Effective, Layer, Origin, Resolved, resolve};
 pub use target::Target;
 pub use text::parse_overrides;
-pub use value::Resolution;
+pub use value::{Resolution, TextureFormat};

@@ -181,6 +181,44 @@ impl Value for Resolution {
     }
 }
 
+/// How colours are stored in the output.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub enum TextureFormat {
+    /// Without loss.
+    #[default]
+    Png,
+    /// With loss, for images without alpha; from 1, the smallest, to 100, the best.
+    Jpeg(u32),
+}
+
+impl Value for TextureFormat {
+    fn accepts(limit: Limit) -> String {
+        format!("Png or Jpeg(n), n{}", limit.words())
+    }
+
+    fn from_arg(text: &str) -> Result<Self, String> {
+        let quality = |text: &str| text.strip_prefix("jpeg-").and_then(|n| n.parse().ok());
+        match text.trim() {
+            "png" => Ok(Self::Png),
+            text => quality(text).map(Self::Jpeg).ok_or_else(|| "png or jpeg-n, such as jpeg-90".into()),
+        }
+    }
+
+    fn ron(&self) -> String {
+        match self {
+            Self::Png => "Png".into(),
+            Self::Jpeg(n) => format!("Jpeg({n})"),
+        }
+    }
+
+    fn check(&self, limit: Limit) -> Result<(), String> {
+        match self {
+            Self::Jpeg(n) if !limit.allows_whole(*n) => Err(Self::accepts(limit)),
+            _ => Ok(()),
+        }
+    }
+}
+
 /// An enum without data: PascalCase in RON, kebab-case on the command line.
 macro_rules! choice {
     (

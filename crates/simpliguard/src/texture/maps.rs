@@ -9,6 +9,7 @@ use super::{Texel, fill};
 use crate::mesh::TriMesh;
 use crate::model::{AlphaMode, Influences, LevelMaterial, LevelMesh, LevelMorph, LevelTextures, linear_to_srgb};
 use crate::render::SurfaceSample;
+use crate::settings::TextureFormat;
 use crate::unwrap::Atlas;
 
 /// Which images a level gets besides its base colour.
@@ -18,6 +19,8 @@ pub struct Channels {
     pub normal: bool,
     /// Alpha in the base colour's image, as a mask.
     pub alpha: bool,
+    /// How colours are stored.
+    pub format: TextureFormat,
 }
 
 /// Splits vertices along chart borders and gives them normals, and MikkTSpace tangents if `tangents`.
@@ -79,6 +82,7 @@ pub fn maps(
             .then(|| painter.rgb(|_, s| Vec3::new(s.occlusion, s.roughness, s.metallic))),
         emissive: (varying.emissive != Vec3::ZERO)
             .then(|| painter.rgb(|_, s| (s.emissive / varying.emissive).map(linear_to_srgb))),
+        format: channels.format,
     };
     (textures, varying)
 }

@@ -9,6 +9,8 @@ mod atlas;
 mod bake;
 mod coverage;
 mod maps;
+#[cfg(test)]
+mod tests;
 
 pub use atlas::{Texel, dilate, fill, texel_map};
 pub use bake::bake;

@@ -152,3 +152,20 @@ fn a_contact_sheet_is_made_once_and_kept() {
     assert_eq!(bake(&["--sheet"])["status"], "hit");
     assert!(fs::read(folder.path("lods/ball_sheet.png")).expect("reads") == png);
 }
+
+#[test]
+fn a_turntable_is_drawn_from_a_cached_result_too() {
+    let folder = Folder::new().with("ball.glb", sphere(16));
+    let bake = |flag: &[&str]| {
+        let run = quick(&folder, &[&["ball.glb", "--json", "--faces", "100"], flag].concat());
+        assert_eq!(run.code, 0, "{}", run.stderr);
+        run.json()["assets"][0].clone()
+    };
+    assert!(bake(&[])["turntable"].is_null());
+    let asset = bake(&["--turntable"]);
+    assert_eq!((&asset["status"], &asset["turntable"]), (&"hit".into(), &"lods/ball_turntable.png".into()));
+    let png = fs::read(folder.path("lods/ball_turntable.png")).expect("reads");
+    assert!(png.starts_with(b"\x89PNG"));
+    // The chunk that makes a PNG an animation follows the header's 33 bytes.
+    assert_eq!(&png[37..41], b"acTL");
+}

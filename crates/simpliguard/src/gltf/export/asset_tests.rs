@@ -14,6 +14,7 @@ use super::tests::Read;
 use super::{ExportOptions, SourceGeometry, export, export_level};
 use crate::gltf::{Limits, import};
 use crate::model::{AlphaMode, Level, LevelMaterial, LevelMesh, LevelTextures, Model};
+use crate::settings::TextureFormat;
 use crate::{Error, RelativeUri, Resources, Source};
 
 const ASSETS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared/assets");
@@ -87,6 +88,7 @@ fn sparse_level(model: &Model, step: usize) -> Level {
             normal: None,
             occlusion_roughness_metallic: None,
             emissive: None,
+            format: TextureFormat::Png,
         },
     }
 }

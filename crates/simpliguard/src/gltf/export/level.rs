@@ -1,17 +1,17 @@
 //! One level as glTF: mesh, material and textures.
 
-use std::io::Cursor;
-
 use glam::{Vec2, Vec3, Vec4};
+use image::codecs::jpeg::JpegEncoder;
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
-use image::{ExtendedColorType, ImageEncoder, RgbImage, RgbaImage};
+use image::{ExtendedColorType, ImageEncoder, ImageError, RgbImage};
 use serde_json::{Map, Value, json};
 
 use super::builder::{Builder, Component, Kind, Target, number};
 use super::skin::{Binding, check_influences};
 use super::{fault, vertex_order};
 use crate::Error;
-use crate::model::{AlphaMode, Influences, Level, LevelMaterial, LevelMorph, Model};
+use crate::model::{AlphaMode, Influences, Level, LevelMaterial, LevelMorph, LevelTextures, Model};
+use crate::settings::TextureFormat;
 
 /// Vertex counts up to this have 16-bit indices; 65,535 itself is a primitive restart.
 const MAX_SHORT_INDEXED: usize = 65_535;
@@ -26,10 +26,16 @@ pub(super) struct EncodedLevel {
     targets: Vec<(String, f32)>,
     triangles: Vec<[u32; 3]>,
     material: LevelMaterial,
-    base_color: Vec<u8>,
-    normal: Option<Vec<u8>>,
-    occlusion_roughness_metallic: Option<Vec<u8>>,
-    emissive: Option<Vec<u8>>,
+    base_color: EncodedImage,
+    normal: Option<EncodedImage>,
+    occlusion_roughness_metallic: Option<EncodedImage>,
+    emissive: Option<EncodedImage>,
+}
+
+/// An image file.
+pub(super) struct EncodedImage {
+    pub(super) bytes: Vec<u8>,
+    pub(super) mime: &'static str,
 }
 
 /// Vertices as they are written: bind space if skinned, else world space.
@@ -76,16 +82,20 @@ impl EncodedLevel {
         }
         let (triangles, order) = vertex_order::optimized(&mesh.triangles, mesh.positions.len());
         let textures = &level.textures;
-        let png = |image: &Option<RgbImage>| {
-            let encode = |image: &RgbImage| png(model, image, image.width(), image.height(), ExtendedColorType::Rgb8);
-            image.as_ref().map(encode).transpose()
+        let encode = |image: &Option<RgbImage>, format| {
+            image.as_ref().map(|image| encode(model, image, image.dimensions(), format)).transpose()
         };
+        // Blocks of JPEG, which are not seen in colours, would show in the light.
+        let data = |image| encode(image, TextureFormat::Png);
         let ((base_color, normal), (packed, emissive)) = rayon::join(
             || {
-                let base_color = || base_color_png(model, &textures.base_color, level.material.alpha_mode);
-                rayon::join(base_color, || png(&textures.normal))
+                let base_color = || encode_base_color(model, textures, level.material.alpha_mode);
+                rayon::join(base_color, || data(&textures.normal))
             },
-            || rayon::join(|| png(&textures.occlusion_roughness_metallic), || png(&textures.emissive)),
+            || {
+                let emissive = || encode(&textures.emissive, textures.format);
+                rayon::join(|| data(&textures.occlusion_roughness_metallic), emissive)
+            },
         );
         Ok(Self {
             vertices: vertices.reordered(&order),
@@ -132,9 +142,9 @@ impl EncodedLevel {
     }
 
     fn write_material(&self, out: &mut Builder, name: &str, sampler: usize) -> usize {
-        let mut texture = |png: &Vec<u8>| {
-            let view = out.push_view(png, Target::None);
-            let image = out.push(Kind::Image, json!({ "bufferView": view, "mimeType": "image/png" }));
+        let mut texture = |image: &EncodedImage| {
+            let view = out.push_view(&image.bytes, Target::None);
+            let image = out.push(Kind::Image, json!({ "bufferView": view, "mimeType": image.mime }));
             out.push(Kind::Texture, json!({ "source": image, "sampler": sampler }))
         };
         let base_color = texture(&self.base_color);
@@ -288,21 +298,44 @@ pub(super) fn push_sampler(out: &mut Builder) -> usize {
 }
 
 /// Without the alpha channel where nothing shows it.
-pub(super) fn base_color_png(model: &Model, image: &RgbaImage, alpha_mode: AlphaMode) -> Result<Vec<u8>, Error> {
+pub(super) fn encode_base_color(
+    model: &Model,
+    textures: &LevelTextures,
+    alpha_mode: AlphaMode,
+) -> Result<EncodedImage, Error> {
+    let image = &textures.base_color;
     if alpha_mode == AlphaMode::Opaque || image.pixels().all(|p| p.0[3] == 255) {
         let rgb: Vec<u8> = image.pixels().flat_map(|p| [p.0[0], p.0[1], p.0[2]]).collect();
-        png(model, &rgb, image.width(), image.height(), ExtendedColorType::Rgb8)
+        encode(model, &rgb, image.dimensions(), textures.format)
     } else {
-        png(model, image, image.width(), image.height(), ExtendedColorType::Rgba8)
+        png(model, image, image.dimensions(), ExtendedColorType::Rgba8)
     }
 }
 
-fn png(model: &Model, texels: &[u8], width: u32, height: u32, color: ExtendedColorType) -> Result<Vec<u8>, Error> {
-    let mut out = Cursor::new(Vec::new());
-    PngEncoder::new_with_quality(&mut out, CompressionType::Level(PNG_LEVEL), FilterType::Adaptive)
-        .write_image(texels, width, height, color)
-        .map_err(|e| fault(&model.name, format!("a texture of {width}x{height} texels cannot be encoded: {e}")))?;
-    Ok(out.into_inner())
+/// RGB texels.
+fn encode(model: &Model, texels: &[u8], size: (u32, u32), format: TextureFormat) -> Result<EncodedImage, Error> {
+    match format {
+        TextureFormat::Png => png(model, texels, size, ExtendedColorType::Rgb8),
+        TextureFormat::Jpeg(quality) => {
+            let mut bytes = Vec::new();
+            JpegEncoder::new_with_quality(&mut bytes, quality.clamp(1, 100) as u8)
+                .write_image(texels, size.0, size.1, ExtendedColorType::Rgb8)
+                .map_err(|e| unencodable(model, size, &e))?;
+            Ok(EncodedImage { bytes, mime: "image/jpeg" })
+        }
+    }
+}
+
+fn png(model: &Model, texels: &[u8], size: (u32, u32), color: ExtendedColorType) -> Result<EncodedImage, Error> {
+    let mut bytes = Vec::new();
+    PngEncoder::new_with_quality(&mut bytes, CompressionType::Level(PNG_LEVEL), FilterType::Adaptive)
+        .write_image(texels, size.0, size.1, color)
+        .map_err(|e| unencodable(model, size, &e))?;
+    Ok(EncodedImage { bytes, mime: "image/png" })
+}
+
+fn unencodable(model: &Model, (width, height): (u32, u32), error: &ImageError) -> Error {
+    fault(&model.name, format!("a texture of {width}x{height} texels cannot be encoded: {error}"))
 }
 
 /// Checks the arrays of a level against each other.

@@ -12,7 +12,7 @@ use crate::model::{
     AlphaMode, Bone, Document, Influences, Level, LevelMaterial, LevelMesh, LevelMorph, LevelTextures, Model,
     MorphTarget, Morphs, Rig,
 };
-use crate::settings::SourceGeometry;
+use crate::settings::{SourceGeometry, TextureFormat};
 
 /// JSON and binary chunk of a GLB.
 pub(super) struct Read {
@@ -83,12 +83,12 @@ fn triangle_document() -> Document {
     });
     let mut second = vec![0; 4];
     second.extend(le(&[0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0]));
-    let png =
-        super::level::base_color_png(&Model::empty("hand"), &base_color(255), AlphaMode::Opaque).expect("encodes");
+    let mut png = std::io::Cursor::new(Vec::new());
+    base_color(255).write_to(&mut png, image::ImageFormat::Png).expect("encodes");
     Document {
         json,
         buffers: vec![Bytes::from_static(&[7, 8, 9, 0, 0]), Bytes::from(second)],
-        images: vec![Some((Bytes::from(png), "image/png"))],
+        images: vec![Some((Bytes::from(png.into_inner()), "image/png"))],
         mesh_nodes: vec![0],
         node_world: vec![Mat4::IDENTITY; 2],
     }
@@ -195,6 +195,7 @@ fn level(budget: u32, skinned: bool) -> Level {
             normal: None,
             occlusion_roughness_metallic: None,
             emissive: None,
+            format: TextureFormat::Png,
         },
     }
 }
@@ -507,6 +508,7 @@ fn materials_carry_every_mode() {
         normal: map(),
         occlusion_roughness_metallic: map(),
         emissive: map(),
+        format: TextureFormat::Png,
     };
     let read = Read::new("modes", &export_level(&triangle(), &level).expect("exports"));
     let material = &read.json["materials"][0];
@@ -523,6 +525,34 @@ fn materials_carry_every_mode() {
     // IHDR of the base colour: colour type 6 is RGBA.
     let view = &read.json["bufferViews"][read.json["images"][0]["bufferView"].as_u64().expect("view") as usize];
     assert_eq!(read.bin[view["byteOffset"].as_u64().unwrap_or(0) as usize + 25], 6);
+}
+
+#[test]
+fn colours_without_alpha_may_be_jpeg_and_nothing_else_is() {
+    for (alpha_mode, expected) in [(AlphaMode::Opaque, "image/jpeg"), (AlphaMode::Blend, "image/png")] {
+        let mut level = level(1000, false);
+        level.material.alpha_mode = alpha_mode;
+        level.material.emissive = Vec3::ONE;
+        let map = || Some(RgbImage::from_pixel(4, 4, Rgb([128, 128, 255])));
+        level.mesh.tangents = vec![Vec3::X.extend(1.0); 3];
+        level.textures = LevelTextures {
+            base_color: base_color(77),
+            normal: map(),
+            occlusion_roughness_metallic: map(),
+            emissive: map(),
+            format: TextureFormat::Jpeg(90),
+        };
+        let read = Read::new("jpeg", &export_level(&triangle(), &level).expect("exports"));
+        let mimes: Vec<&Value> = (0..4).map(|i| &read.json["images"][i]["mimeType"]).collect();
+        assert_eq!(mimes, [expected, "image/png", "image/png", "image/jpeg"]);
+        for image in read.json["images"].as_array().expect("images") {
+            let view = &read.json["bufferViews"][image["bufferView"].as_u64().expect("view") as usize];
+            let at = view["byteOffset"].as_u64().unwrap_or(0) as usize;
+            let bytes = &read.bin[at..at + view["byteLength"].as_u64().expect("length") as usize];
+            let format = image::guess_format(bytes).expect("an image");
+            assert_eq!(image["mimeType"], format.to_mime_type());
+        }
+    }
 }
 
 #[test]

@@ -1,0 +1,162 @@
+//! What a flat level shows of a flat source in the same place, channel by channel.
+
+use glam::{Affine2, Vec2, Vec3, Vec4};
+use image::{Rgba, RgbaImage};
+
+use super::{Channels, bake, level_mesh, maps, texel_map};
+use crate::Bvh;
+use crate::mesh::TriMesh;
+use crate::model::{LevelTextures, Material, Model, Surface, Texture, TextureRef, Wrap, srgb_to_linear};
+use crate::render::{Frame, SurfaceSample, SurfaceSampler};
+use crate::unwrap::Atlas;
+
+const SIZE: usize = 64;
+
+/// The unit square in the plane z = 0, left half in material 0 and right half in material 1, image upright.
+fn source(materials: [Material; 2], textures: Vec<Texture>) -> Model {
+    let mut surface = Surface::default();
+    for (m, left) in [0.0, 0.5].into_iter().enumerate() {
+        let first = surface.positions.len() as u32;
+        let corners = [[0.0, 0.0], [0.5, 0.0], [0.5, 1.0], [0.0, 1.0]].map(|[x, y]| Vec2::new(left + x, y));
+        surface.positions.extend(corners.map(|p| p.extend(0.0)));
+        surface.normals.extend([Vec3::Z; 4]);
+        surface.uvs[0].extend(corners.map(|p| Vec2::new(p.x, 1.0 - p.y)));
+        surface.triangles.extend([[first, first + 1, first + 2], [first, first + 2, first + 3]]);
+        surface.material.extend([m as u32; 2]);
+    }
+    Model { surface, materials: materials.to_vec(), textures, ..Model::empty("square") }
+}
+
+/// The same square of two triangles, over the whole texture.
+fn level() -> (TriMesh, Atlas) {
+    let positions = vec![Vec3::ZERO, Vec3::X, Vec3::new(1.0, 1.0, 0.0), Vec3::Y];
+    let triangles = vec![[0, 1, 2], [0, 2, 3]];
+    let uv = |v: u32| Vec2::new(positions[v as usize].x, 1.0 - positions[v as usize].y);
+    let uvs = triangles.iter().map(|t: &[u32; 3]| t.map(uv)).collect();
+    (TriMesh { positions: positions.clone(), triangles }, Atlas { uvs, ..Atlas::default() })
+}
+
+fn samples(model: &Model) -> Vec<Option<SurfaceSample>> {
+    let (mesh, atlas) = level();
+    let bvh = Bvh::new(&model.surface.positions, &model.surface.triangles);
+    let frame = Frame::around(&model.surface.positions);
+    let texels = texel_map(&atlas, SIZE);
+    bake(&SurfaceSampler::new(model), &bvh, &frame, &mesh, &atlas, &texels, SIZE, None)
+}
+
+/// The sample at a point of the square.
+fn sample_at(samples: &[Option<SurfaceSample>], x: f32, y: f32) -> SurfaceSample {
+    let texel = |c: f32| (c * SIZE as f32) as usize;
+    samples[texel(1.0 - y) * SIZE + texel(x)].expect("covered")
+}
+
+fn images(model: &Model) -> LevelTextures {
+    let (mesh, atlas) = level();
+    let samples = samples(model);
+    let base = vec![Vec4::ONE; SIZE * SIZE];
+    let channels = Channels { normal: true, ..Channels::default() };
+    maps(&level_mesh(&mesh, &atlas, &[], &[], true), &texel_map(&atlas, SIZE), &samples, &base, SIZE, channels).0
+}
+
+fn texture(width: u32, texels: &[[u8; 4]], wrap: Wrap, srgb: bool) -> Texture {
+    let image = RgbaImage::from_fn(width, texels.len() as u32 / width, |x, y| Rgba(texels[(y * width + x) as usize]));
+    Texture::new(&image, [wrap; 2], srgb)
+}
+
+fn texture_ref(texture: usize, transform: Affine2) -> Option<TextureRef> {
+    Some(TextureRef { texture, uv_set: 0, transform })
+}
+
+fn plain() -> Material {
+    Material::default()
+}
+
+#[test]
+fn each_part_shows_its_own_material() {
+    let red = Material { base_color: Vec4::new(1.0, 0.0, 0.0, 1.0), ..plain() };
+    let half = Material { base_color_texture: texture_ref(0, Affine2::IDENTITY), ..plain() };
+    let samples = samples(&source([red, half], vec![texture(1, &[[128, 0, 0, 255]], Wrap::Repeat, true)]));
+    assert_eq!(sample_at(&samples, 0.2, 0.5).base_color, Vec4::new(1.0, 0.0, 0.0, 1.0));
+    let shown = sample_at(&samples, 0.8, 0.5).base_color;
+    assert!((shown.x - srgb_to_linear(128.0 / 255.0)).abs() < 1e-5, "{shown}");
+}
+
+#[test]
+fn vertex_colours_are_multiplied_on_and_interpolated() {
+    let mut model = source([plain(), plain()], Vec::new());
+    model.materials[0].base_color = Vec4::new(0.5, 0.5, 0.5, 1.0);
+    model.surface.colors = vec![Vec4::ONE; 8];
+    // The left half's right side.
+    model.surface.colors[1] = Vec4::new(0.0, 1.0, 0.0, 1.0);
+    model.surface.colors[2] = Vec4::new(0.0, 1.0, 0.0, 1.0);
+    let shown = sample_at(&samples(&model), 0.25, 0.5).base_color;
+    assert!((shown - Vec4::new(0.25, 0.5, 0.25, 1.0)).abs().max_element() < 0.02, "{shown}");
+}
+
+#[test]
+fn a_palette_shows_one_colour_without_its_neighbours() {
+    let palette =
+        texture(2, &[[255, 0, 0, 255], [0, 255, 0, 255], [0, 0, 255, 255], [9, 9, 9, 255]], Wrap::Clamp, true);
+    let painted = Material { base_color_texture: texture_ref(0, Affine2::IDENTITY), ..plain() };
+    let mut model = source([painted.clone(), painted], vec![palette]);
+    // All corners of a half in the middle of one texel.
+    model.surface.uvs[0] = [[0.75, 0.25]; 4].into_iter().chain([[0.25, 0.75]; 4]).map(Vec2::from).collect();
+    let samples = samples(&model);
+    assert_eq!(sample_at(&samples, 0.2, 0.3).base_color, Vec4::new(0.0, 1.0, 0.0, 1.0));
+    assert_eq!(sample_at(&samples, 0.7, 0.9).base_color, Vec4::new(0.0, 0.0, 1.0, 1.0));
+}
+
+#[test]
+fn transformed_textures_wrap_as_their_sampler_says() {
+    let stripes = [[0, 0, 0, 255], [255, 255, 255, 255]];
+    let twice = Affine2::from_scale(Vec2::new(2.0, 1.0));
+    for (wrap, expected) in [(Wrap::Repeat, [0, 1, 0, 1]), (Wrap::Mirror, [0, 1, 1, 0]), (Wrap::Clamp, [0, 1, 1, 1])] {
+        let painted = Material { base_color_texture: texture_ref(0, twice), ..plain() };
+        let samples = samples(&source([painted.clone(), painted], vec![texture(2, &stripes, wrap, true)]));
+        let shown = [0.125, 0.375, 0.625, 0.875].map(|x| sample_at(&samples, x, 0.5).base_color.x.round() as i32);
+        assert_eq!(shown, expected, "{wrap:?}");
+    }
+}
+
+#[test]
+fn occlusion_roughness_and_metalness_share_an_image() {
+    let shiny = Material {
+        roughness: 0.5,
+        metallic: 1.0,
+        metallic_roughness_texture: texture_ref(0, Affine2::IDENTITY),
+        occlusion_texture: texture_ref(0, Affine2::IDENTITY),
+        occlusion_strength: 0.5,
+        ..plain()
+    };
+    let dull = Material { roughness: 1.0, metallic: 0.0, ..plain() };
+    let model = source([shiny, dull], vec![texture(1, &[[102, 204, 51, 255]], Wrap::Repeat, false)]);
+    let image = images(&model).occlusion_roughness_metallic.expect("it varies");
+    // 1 + 0.5 (0.4 - 1), 0.5 * 0.8, 0.2
+    for (x, expected) in [(10, [179, 102, 51]), (50, [255, 255, 0])] {
+        let shown = image.get_pixel(x, 30).0;
+        assert!((0..3).all(|k| shown[k].abs_diff(expected[k]) <= 1), "{shown:?} {expected:?}");
+    }
+}
+
+#[test]
+fn emission_is_an_image_below_its_brightest() {
+    let lamp = Material { emissive: Vec3::new(4.0, 2.0, 0.0), ..plain() };
+    let model = source([lamp, plain()], Vec::new());
+    let image = images(&model).emissive.expect("it shines");
+    let [lit, dark] = [10, 50].map(|x| image.get_pixel(x, 30).0);
+    assert_eq!((lit[0], lit[1], dark[0], dark[1]), (255, 255, 0, 0));
+}
+
+#[test]
+fn a_normal_map_survives_where_level_and_source_lie_alike() {
+    for map in [[128, 128, 255, 255], [200, 128, 235, 255], [90, 180, 220, 255]] {
+        let bumpy = Material { normal_texture: texture_ref(0, Affine2::IDENTITY), ..plain() };
+        let model = source([bumpy.clone(), bumpy], vec![texture(1, &[map], Wrap::Repeat, false)]);
+        let expected = Vec3::new(map[0].into(), map[1].into(), map[2].into()) / 255.0 * 2.0 - 1.0;
+        let image = images(&model).normal.expect("asked for");
+        for x in [10, 50] {
+            let shown = Vec3::from(image.get_pixel(x, 30).0.map(|c| f32::from(c) / 255.0 * 2.0 - 1.0));
+            assert!(shown.distance(expected.normalize()) < 0.02, "{shown} {expected}");
+        }
+    }
+}
