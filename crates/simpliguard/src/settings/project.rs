@@ -237,7 +237,7 @@ mod tests {
         );
         assert_eq!(
             message("(cache: (\n max_size: \"5\"))"),
-            "settings: p.ron:2:16: max_size: expected at least 1.0 MiB, with a unit, such as 500 MB or 1.5 GiB"
+            "settings: p.ron:2:13: max_size: expected at least 1.0 MiB, with a unit, such as 500 MB or 1.5 GiB"
         );
         assert!(message("(rules: [\n(glob: \"[\", settings: ())])").starts_with("settings: p.ron:2:"));
     }
