@@ -208,7 +208,7 @@ mod tests {
         ];
         assert_eq!(
             (PIPELINE_VERSION, keys.map(|key| key.hex()[..16].to_owned())),
-            ("2", ["829d5541d7a6c2c9", "e8a2079cdcb2bbc4"].map(str::to_owned))
+            ("3", ["3bae451b24a237e3", "9da6781fdfa02375"].map(str::to_owned))
         );
     }
 }
