@@ -133,8 +133,7 @@ fn a_game_killed_while_it_bakes_bakes_at_the_next_start() {
          candidates: Reconstruction, resolution: Cells(64))))",
     );
     let mut game = project.run();
-    game.wait_for("started", "ball.glb");
-    game.wait_for_levels("ball.glb", 0);
+    game.wait_for_start_and_levels("ball.glb", 0);
     game.kill();
     assert!(files_below(&project.path("cache/results")).is_empty());
 

@@ -141,12 +141,23 @@ impl Game {
     /// Waits until a model fails with an error that starts like `error`, and is shown with so many levels, in any order.
     #[track_caller]
     pub(super) fn wait_for_failure_and_levels(&mut self, path: &str, error: &str, levels: u64) {
-        let (failed, shown) = (Cell::new(false), Cell::new(false));
-        self.wait("a failure and levels", |r| {
-            let is_error = r["error"].as_str().is_some_and(|text| text.starts_with(error));
-            failed.set(failed.get() || r["what"] == "failed" && r["path"] == path && is_error);
+        let is_error = |r: &Value| r["error"].as_str().is_some_and(|text| text.starts_with(error));
+        self.wait_for_levels_and(path, levels, |r| r["what"] == "failed" && is_error(r));
+    }
+
+    /// Waits until a bake of a model starts, and it is shown with so many levels, in any order.
+    #[track_caller]
+    pub(super) fn wait_for_start_and_levels(&mut self, path: &str, levels: u64) {
+        self.wait_for_levels_and(path, levels, |r| r["what"] == "started");
+    }
+
+    #[track_caller]
+    fn wait_for_levels_and(&mut self, path: &str, levels: u64, wanted: impl Fn(&Value) -> bool) {
+        let (met, shown) = (Cell::new(false), Cell::new(false));
+        self.wait("a report and levels", |r| {
+            met.set(met.get() || wanted(r) && r["path"] == path);
             shown.set(shown.get() || r["what"] == "loaded" && r["path"] == path && r["levels"] == levels);
-            failed.get() && shown.get()
+            met.get() && shown.get()
         });
     }
 
