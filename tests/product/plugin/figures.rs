@@ -4,6 +4,8 @@
 //! cargo test --test product -- --ignored --nocapture --test-threads=1 figures
 //! ```
 
+#![expect(clippy::print_stdout, reason = "the figures")]
+
 use std::time::{Duration, Instant};
 
 use super::model::{globe, globe_glb_coloured, heavy_glb, png};

@@ -20,7 +20,6 @@ fn two_hundred_models_at_once() {
     #[cfg(target_os = "linux")]
     {
         let (memory, threads) = (game.proc_status("VmHWM") / 1024, game.own_threads());
-        println!("at most {memory} MiB, {threads} threads");
         assert!(memory < 400, "{memory} MiB");
         // Two that compute, one that brings them work, one that listens to changes.
         assert_eq!(threads, 4);
