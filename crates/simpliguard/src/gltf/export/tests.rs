@@ -501,15 +501,8 @@ fn materials_carry_every_mode() {
         roughness: 0.0,
         emissive: Vec3::new(4.0, 2.0, 0.0),
     };
-    let map = || Some(RgbImage::from_pixel(4, 4, Rgb([128, 128, 255])));
     level.mesh.tangents = vec![Vec3::X.extend(1.0); 3];
-    level.textures = LevelTextures {
-        base_color: base_color(77),
-        normal: map(),
-        occlusion_roughness_metallic: map(),
-        emissive: map(),
-        format: TextureFormat::Png,
-    };
+    level.textures = all_textures(TextureFormat::Png);
     let read = Read::new("modes", &export_level(&triangle(), &level).expect("exports"));
     let material = &read.json["materials"][0];
     assert_eq!((&material["alphaMode"], &material["alphaCutoff"]), (&json!("MASK"), &json!(0.3)));
@@ -527,21 +520,26 @@ fn materials_carry_every_mode() {
     assert_eq!(read.bin[view["byteOffset"].as_u64().unwrap_or(0) as usize + 25], 6);
 }
 
+/// An image in each place that has one.
+fn all_textures(format: TextureFormat) -> LevelTextures {
+    let map = || Some(RgbImage::from_pixel(4, 4, Rgb([128, 128, 255])));
+    LevelTextures {
+        base_color: base_color(77),
+        normal: map(),
+        occlusion_roughness_metallic: map(),
+        emissive: map(),
+        format,
+    }
+}
+
 #[test]
 fn colours_without_alpha_may_be_jpeg_and_nothing_else_is() {
     for (alpha_mode, expected) in [(AlphaMode::Opaque, "image/jpeg"), (AlphaMode::Blend, "image/png")] {
         let mut level = level(1000, false);
         level.material.alpha_mode = alpha_mode;
         level.material.emissive = Vec3::ONE;
-        let map = || Some(RgbImage::from_pixel(4, 4, Rgb([128, 128, 255])));
         level.mesh.tangents = vec![Vec3::X.extend(1.0); 3];
-        level.textures = LevelTextures {
-            base_color: base_color(77),
-            normal: map(),
-            occlusion_roughness_metallic: map(),
-            emissive: map(),
-            format: TextureFormat::Jpeg(90),
-        };
+        level.textures = all_textures(TextureFormat::Jpeg(90));
         let read = Read::new("jpeg", &export_level(&triangle(), &level).expect("exports"));
         let mimes: Vec<&Value> = (0..4).map(|i| &read.json["images"][i]["mimeType"]).collect();
         assert_eq!(mimes, [expected, "image/png", "image/png", "image/jpeg"]);
