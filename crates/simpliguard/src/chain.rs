@@ -10,7 +10,7 @@ use crate::mesh::{Topology, TriMesh, self_intersecting};
 use crate::model::{Level, Model, SMALLEST_EXTENT};
 use crate::objects::{content_key, shapes_key};
 use crate::refine::Refined;
-use crate::render::{Frame, SurfaceSampler, View, halve_views, take_posed_views, take_views, viewpoints};
+use crate::render::{Frame, SurfaceSampler, View, take_posed_views, take_views, viewpoints};
 use crate::rig::{self, Donor, Poses};
 use crate::settings::{BakeSettings, Candidates, ExistingLods, JointPlanes, MorphTargets, Resolution};
 use crate::shape::{self, Deviation};
@@ -257,7 +257,7 @@ fn make_levels(
         },
         || clock.time(StageId::Refine, || views_of(&sampler, &frame, poses.as_ref(), seed, settings, context)),
     );
-    let halves = clock.time(StageId::Refine, || halves_of(&sampler, &views, poses.as_ref(), settings));
+    let halves = clock.time(StageId::Refine, || halves_of(&views, settings));
     context.check(&model.name)?;
     context.report(StageId::Shape, None, 0.15);
     let donor = Donor::new(model, &bvh);
@@ -344,18 +344,13 @@ fn views_of(
     views
 }
 
-/// The views at half the size that vertices are moved by, if they are.
-fn halves_of(
-    sampler: &SurfaceSampler<'_>,
-    views: &[View],
-    poses: Option<&Poses<'_>>,
-    settings: &BakeSettings,
-) -> Vec<View> {
+/// The views at half the size, if vertices are moved by them and their size is even.
+fn halves_of(views: &[View], settings: &BakeSettings) -> Vec<View> {
     if !settings.refine || settings.coarse_steps * (settings.refine_steps as f32) < 1.0 {
         return Vec::new();
     }
-    let posed = |pose: usize| poses.map_or_else(Vec::new, |poses| poses.source_in(pose));
-    halve_views(sampler, views, posed, settings.shading_weight > 0.0)
+    let halves: Option<Vec<View>> = views.par_iter().map(View::halved).collect();
+    halves.unwrap_or_default()
 }
 
 /// What is said of morph targets that levels leave out.

@@ -158,7 +158,6 @@ fn fit(
         }
         let (texels, covered) = small.initial_texture(&samples, false);
         let low = LowPoly::new(&shape.mesh, atlas, shape.double_sided, small.size, texels, covered);
-        let low = if settings.shading_weight > 0.0 { low.with_normals(small.normals(&samples)) } else { low };
         Some((low.with_motions(motions(shared, &influences)), small.texture_fit(&samples, false)))
     });
     let Some((mut low, texture)) = textured else { return Ok(Fitted::unmoved(shared, atlas, shape, influences)) };
@@ -172,7 +171,6 @@ fn fit(
         gradient_weight: settings.gradient_weight,
         laplacian_weight: settings.laplacian_weight,
         normal_weight: settings.normal_weight,
-        shading_weight: settings.shading_weight,
         seed: shared.seed ^ u64::from(budget),
     };
     let key = shared.content.map(|content| descent_key(&content, settings, budget));
@@ -258,15 +256,6 @@ impl<'a> Canvas<'a> {
         let known: Vec<bool> = samples.iter().map(known).collect();
         texture::fill(&mut texels, &known, self.size);
         (texels, covered)
-    }
-
-    /// The source's normals as fractions of full scale, with their gutters.
-    fn normals(&self, samples: &[Option<SurfaceSample>]) -> Vec<Vec4> {
-        let known: Vec<bool> = samples.iter().map(Option::is_some).collect();
-        let normal = |s: &Option<SurfaceSample>| s.as_ref().map_or(Vec4::ZERO, |s| (s.normal * 0.5 + 0.5).extend(1.0));
-        let mut normals: Vec<Vec4> = samples.iter().map(normal).collect();
-        texture::fill(&mut normals, &known, self.size);
-        normals
     }
 
     /// The texture at full size: baked anew on the final vertices, then fitted to the views.

@@ -23,21 +23,19 @@ pub(super) struct Gradients {
 }
 
 impl Gradients {
-    /// Begins with no gradient.
-    pub(super) fn clear(&mut self, low: &LowPoly) {
+    /// Carries `image`, the gradient at the antialiased pixels within `frame.rect`, to the vertices.
+    pub(super) fn run(
+        &mut self,
+        low: &LowPoly,
+        view_projection: &Mat4,
+        pose: Option<usize>,
+        frame: &Frame,
+        image: &[Vec4],
+    ) {
         self.clip.clear();
         self.clip.resize(low.positions.len(), Vec3::ZERO);
-    }
-
-    /// Carries `image`, the gradient at the antialiased pixels within `frame.rect`, to the vertices in clip space. `texels` are
-    /// those that `frame` is painted with.
-    pub(super) fn add(&mut self, low: &LowPoly, texels: &[Vec4], frame: &Frame, image: &[Vec4]) {
         self.unblend(frame, image);
-        self.unshade(low, texels, frame);
-    }
-
-    /// Carries what was added on to the vertices in world space, in the pose of the view and in the rest pose.
-    pub(super) fn finish(&mut self, low: &LowPoly, view_projection: &Mat4, pose: Option<usize>) {
+        self.unshade(low, frame);
         let transposed = view_projection.transpose();
         self.posed.clear();
         let to_world = |g: &Vec3| (transposed * Vec4::new(g.x, g.y, 0.0, g.z)).xyz();
@@ -125,7 +123,7 @@ impl Gradients {
         }
     }
 
-    fn unshade(&mut self, low: &LowPoly, texels: &[Vec4], frame: &Frame) {
+    fn unshade(&mut self, low: &LowPoly, frame: &Frame) {
         for y in frame.rect.rows() {
             let ndc_y = pixel_to_ndc(y, frame.size);
             let mut last = NOTHING;
@@ -138,7 +136,7 @@ impl Gradients {
                     last = id;
                 }
                 if id != NOTHING {
-                    self.unshade_pixel(low, texels, frame, id as usize, i, (x, ndc_y), &mut sums);
+                    self.unshade_pixel(low, frame, id as usize, i, (x, ndc_y), &mut sums);
                 }
             }
             self.flush(low, last, &mut sums);
@@ -149,7 +147,6 @@ impl Gradients {
     fn unshade_pixel(
         &self,
         low: &LowPoly,
-        texels: &[Vec4],
         frame: &Frame,
         t: usize,
         pixel: usize,
@@ -160,7 +157,7 @@ impl Gradients {
         let (uv, b, inverse) = frame.uv_at(low, t, x, ndc_y);
         let lookup = Lookup::new(uv, low.size);
         let k = lookup.texel;
-        let [t00, t10, t01, t11] = [k, k + 1, k + low.size, k + low.size + 1].map(|k| texels[k]);
+        let [t00, t10, t01, t11] = [k, k + 1, k + low.size, k + low.size + 1].map(|k| low.texels[k]);
         let along_u = gradient.dot((t10 - t00) * (1.0 - lookup.fy) + (t11 - t01) * lookup.fy);
         let along_v = gradient.dot((t01 - t00) * (1.0 - lookup.fx) + (t11 - t10) * lookup.fx);
         let by_b = Vec3::from(low.uvs[t].map(|uv| along_u * uv.x + along_v * uv.y));

@@ -14,7 +14,7 @@ use super::loss::Loss;
 use super::regularise::Structure;
 use super::split::Split;
 use super::{LowPoly, Skin, TextureFit};
-use crate::render::{Picture, Random, View};
+use crate::render::{Random, View};
 use crate::{Context, Error};
 
 /// Views a step.
@@ -41,8 +41,6 @@ pub struct Params {
     pub texture: Option<TextureFit>,
     /// Weight of the image gradient in the loss.
     pub gradient_weight: f32,
-    /// Weight of the error of the source's normals, seen as colours, at half size.
-    pub shading_weight: f32,
     /// Weight of the Laplacian of the displacement, with the source's radius as unit of length.
     pub laplacian_weight: f32,
     /// Weight of the consistency of normals.
@@ -92,11 +90,11 @@ pub fn fit_texture(low: &mut LowPoly, views: &[View], fit: Option<&TextureFit>) 
 }
 
 fn fit_to(low: &mut LowPoly, split: &Split<'_>, fit: Option<&TextureFit>) -> Refined {
-    let psnr_initial = split.judge(low, 0.0);
+    let psnr_initial = split.judge(low);
     let Some(fit) = fit else { return Refined { psnr_initial, psnr_texture: psnr_initial, psnr: psnr_initial } };
     let initial = low.texels.clone();
     split.fit(low, Some(fit));
-    let psnr_texture = split.judge(low, 0.0);
+    let psnr_texture = split.judge(low);
     if psnr_texture < psnr_initial {
         low.texels = initial;
     }
@@ -108,22 +106,6 @@ struct Lane {
     frame: Frame,
     loss: Loss,
     gradients: Gradients,
-}
-
-impl Lane {
-    /// Adds the gradient of the error of the frame, painted with `texels`.
-    fn compare(
-        &mut self,
-        low: &LowPoly,
-        texels: &[Vec4],
-        target: &Picture,
-        background: f32,
-        gradient_weight: f32,
-        weight: f32,
-    ) {
-        self.loss.run(&self.frame, target, background, gradient_weight, weight);
-        self.gradients.add(low, texels, &self.frame, &self.loss.gradient);
-    }
 }
 
 /// The best iterate so far.
@@ -198,11 +180,11 @@ impl<'a> Descent<'a> {
             let mut half = low.halved();
             let split_half = Split::new(halves);
             split_half.fit(&mut half, self.params.texture.as_ref());
-            let psnr = split_half.judge(&half, self.params.shading_weight);
+            let psnr = split_half.judge(&half);
             self.descend(&mut half, skin.as_deref_mut(), &split_half, coarse, psnr)?;
             (low.positions, low.motions) = (half.positions, half.motions);
             split.fit(low, self.params.texture.as_ref());
-            let psnr = split.judge(low, 0.0);
+            let psnr = split.judge(low);
             if psnr > best.psnr {
                 best = Best::new(psnr, low, skin.as_deref());
             } else {
@@ -237,7 +219,7 @@ impl<'a> Descent<'a> {
                 skin.move_into_all(low);
             }
             split.fit(low, self.params.texture.as_ref());
-            let psnr = split.judge(low, self.params.shading_weight);
+            let psnr = split.judge(low);
             tracing::trace!(step = self.step, size = split.size(), psnr, "refine");
             if psnr > best.psnr {
                 best = Best::new(psnr, low, skin.as_deref());
@@ -270,14 +252,9 @@ impl<'a> Descent<'a> {
         lanes.par_iter_mut().zip(chosen).with_max_len(1).for_each(|(lane, i)| {
             let (view, rect) = (split.fitted[i], split.fitted_rects[i]);
             lane.frame.render(shared, &view.camera, view.pose, rect);
-            lane.gradients.clear(shared);
-            lane.compare(shared, &shared.texels, &view.picture, background, self.params.gradient_weight, 1.0);
-            if let Some(normals) = view.normals.as_ref().filter(|_| !shared.normals.is_empty()) {
-                lane.frame.paint(shared, &shared.normals);
-                let weight = self.params.shading_weight;
-                lane.compare(shared, &shared.normals, normals, background, self.params.gradient_weight, weight);
-            }
-            lane.gradients.finish(shared, &view.camera.view_projection, view.pose);
+            lane.loss.run(&lane.frame, &view.picture, background, self.params.gradient_weight);
+            let (matrix, pose) = (&view.camera.view_projection, view.pose);
+            lane.gradients.run(shared, matrix, pose, &lane.frame, &lane.loss.gradient);
         });
         if let Some(skin) = skin {
             let mut gradient = vec![Vec4::ZERO; low.positions.len()];

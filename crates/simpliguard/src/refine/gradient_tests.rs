@@ -74,7 +74,7 @@ fn loss(low: &LowPoly, target: &Picture, background: f32, lambda: f32) -> (f64, 
     let mut frame = Frame::new(SIZE);
     frame.render(low, &camera(), None, all());
     let mut loss = Loss::default();
-    let value = loss.run(&frame, target, background, lambda, 1.0);
+    let value = loss.run(&frame, target, background, lambda);
     (value, frame, loss)
 }
 
@@ -83,9 +83,7 @@ fn compare(background: f32, lambda: f32) -> (f64, f64) {
     let (mut low, target) = (sphere(4), target());
     let (_, frame, run) = loss(&low, &target, background, lambda);
     let mut gradients = Gradients::default();
-    gradients.clear(&low);
-    gradients.add(&low, &low.texels, &frame, &run.gradient);
-    gradients.finish(&low, &camera().view_projection, None);
+    gradients.run(&low, &camera().view_projection, None, &frame, &run.gradient);
     let mut order: Vec<usize> = (0..low.positions.len()).collect();
     let length = |v: &usize| gradients.positions[*v].length();
     order.sort_by(|a, b| length(b).total_cmp(&length(a)));
@@ -147,7 +145,7 @@ fn texture_gradients_match_central_differences() {
                         moved.image[i] = frame.image[i];
                     }
                 }
-                Loss::default().run(&moved, &target, 0.0, 0.5, 1.0)
+                Loss::default().run(&moved, &target, 0.0, 0.5)
             };
             let difference = (at(h) - at(-h)) / (2.0 * f64::from(h));
             let gradient = f64::from(gradients.texels[texel][lane]);
@@ -164,11 +162,9 @@ fn gradients_in_a_pose_are_those_at_rest_turned_back() {
         let mut frame = Frame::new(SIZE);
         frame.render(low, &camera(), pose, all());
         let mut loss = Loss::default();
-        loss.run(&frame, &target, 1.0, 0.5, 1.0);
+        loss.run(&frame, &target, 1.0, 0.5);
         let mut gradients = Gradients::default();
-        gradients.clear(low);
-        gradients.add(low, &low.texels, &frame, &loss.gradient);
-        gradients.finish(low, &camera().view_projection, pose);
+        gradients.run(low, &camera().view_projection, pose, &frame, &loss.gradient);
         gradients.positions
     };
     let still = sphere(4);
@@ -203,7 +199,7 @@ fn image_gradients_match_central_differences() {
             let h = 1e-2;
             let mut at = |step: f32| {
                 frame.image[pixel][lane] += step;
-                let value = Loss::default().run(&frame, &target, 1.0, 0.5, 1.0);
+                let value = Loss::default().run(&frame, &target, 1.0, 0.5);
                 frame.image[pixel][lane] -= step;
                 value
             };

@@ -26,8 +26,6 @@ pub struct LowPoly {
     pub size: usize,
     /// Encoded RGB, rows from the top; the fourth lane is one.
     pub texels: Vec<Vec4>,
-    /// Unit normals of the source as fractions of full scale, for each texel; empty if they do not count.
-    pub normals: Vec<Vec4>,
     /// Texels that some triangle covers.
     pub covered: Vec<bool>,
     /// How the vertices move into the poses of the views.
@@ -52,7 +50,6 @@ impl LowPoly {
             double_sided,
             size,
             texels,
-            normals: Vec::new(),
             covered,
             motions: Motions::default(),
         }
@@ -63,15 +60,10 @@ impl LowPoly {
         Self { motions, ..self }
     }
 
-    /// The same mesh with the source's normals, one for each texel.
-    pub fn with_normals(self, normals: Vec<Vec4>) -> Self {
-        Self { normals, ..self }
-    }
-
     /// The same mesh with another texture of `size` x `size` texels.
     pub fn retextured(self, atlas: &Atlas, size: usize, texels: Vec<Vec4>, covered: Vec<bool>) -> Self {
         let uvs = atlas.uvs.iter().map(|corners| corners.map(|uv| uv * size as f32)).collect();
-        Self { uvs, size, texels, normals: Vec::new(), covered, ..self }
+        Self { uvs, size, texels, covered, ..self }
     }
 
     /// The same mesh with its texture at half the size, each texel the mean of four.
@@ -81,12 +73,10 @@ impl LowPoly {
             let k = 2 * (i / size * self.size + i % size);
             [k, k + 1, k + self.size, k + self.size + 1]
         };
-        let mean = |values: &[Vec4], i: usize| four(i).map(|k| values[k]).iter().sum::<Vec4>() * 0.25;
-        let halved = |values: &[Vec4]| (0..size * size).map(|i| mean(values, i)).collect();
-        let normals = if self.normals.is_empty() { Vec::new() } else { halved(&self.normals) };
+        let texels = (0..size * size).map(|i| four(i).map(|k| self.texels[k]).iter().sum::<Vec4>() * 0.25).collect();
         let covered = (0..size * size).map(|i| four(i).iter().any(|&k| self.covered[k])).collect();
         let uvs = self.uvs.iter().map(|corners| corners.map(|uv| uv * 0.5)).collect();
-        Self { uvs, size, texels: halved(&self.texels), normals, covered, ..self.clone() }
+        Self { uvs, size, texels, covered, ..self.clone() }
     }
 
     /// The mesh alone.

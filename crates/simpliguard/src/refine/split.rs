@@ -46,8 +46,8 @@ impl<'a> Split<'a> {
         }
     }
 
-    /// Mean PSNR over the views held out, on white, in dB. Where views have normals, their error counts `shading_weight` times.
-    pub(super) fn judge(&self, low: &LowPoly, shading_weight: f32) -> f32 {
+    /// Mean PSNR over the views held out, on white, in dB.
+    pub(super) fn judge(&self, low: &LowPoly) -> f32 {
         let errors: Vec<f64> = self
             .held_out
             .par_iter()
@@ -56,12 +56,7 @@ impl<'a> Split<'a> {
                 || Frame::new(self.held_out[0].picture.size),
                 |frame, (view, rect)| {
                     frame.render(low, &view.camera, view.pose, *rect);
-                    let mut error = squared_error(frame, &view.picture, 1.0);
-                    if let Some(normals) = view.normals.as_ref().filter(|_| !low.normals.is_empty()) {
-                        frame.paint(low, &low.normals);
-                        error += f64::from(shading_weight) * squared_error(frame, normals, 1.0);
-                    }
-                    error / (3 * frame.size * frame.size) as f64
+                    squared_error(frame, &view.picture, 1.0) / (3 * frame.size * frame.size) as f64
                 },
             )
             .collect();

@@ -58,7 +58,7 @@ pub fn descend_texture(low: &mut LowPoly, views: &[&View], rects: &[Rect], smoot
         lanes.par_iter_mut().zip(chosen).with_max_len(1).for_each(|(lane, i)| {
             let view = views[i];
             lane.frame.render(shared, &view.camera, view.pose, rects[i]);
-            lane.loss.run(&lane.frame, &view.picture, 0.0, descent.gradient_weight, 1.0);
+            lane.loss.run(&lane.frame, &view.picture, 0.0, descent.gradient_weight);
             lane.gradients.run_texture(shared, &lane.frame, &view.picture, &lane.loss.gradient);
         });
         gradient.fill(Vec4::ZERO);

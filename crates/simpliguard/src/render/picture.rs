@@ -14,8 +14,6 @@ pub enum Light {
     None,
     /// A lamp at the camera: `0.3 + 0.7 |n . v|` of the base colour.
     Head,
-    /// None, and unit normals in place of the base colour: -1 to 1 as fractions of full scale, not encoded.
-    Normals,
 }
 
 /// A square picture, sRGB encoded, colours premultiplied by coverage, rows from the bottom.
@@ -216,7 +214,6 @@ impl<'a, 's> Shader<'a, 's> {
         let b = self.barycentric(t, x, y);
         let color = self.sampler.base_color(t, b, self.footprint);
         let rgb = match self.light {
-            Light::Normals => return (self.sampler.normal(t, b, self.footprint) * 0.5 + 0.5).extend(color.w),
             Light::None => color.xyz(),
             Light::Head => {
                 let surface = &self.sampler.model().surface;
@@ -303,14 +300,6 @@ mod tests {
     fn a_headlight_from_the_front_changes_nothing() {
         let model = card(vec![paint(1.0, 1.0, AlphaMode::Opaque)]);
         assert_eq!(centre_pixel(&model, Light::Head), [255, 0, 0, 255]);
-    }
-
-    #[test]
-    fn normals_are_fractions_of_full_scale() {
-        let mut model = card(vec![Material::default()]);
-        model.surface.normals = vec![Vec3::new(-0.6, 0.0, 0.8); 4];
-        let [x, y, z, alpha] = centre_pixel(&model, Light::Normals);
-        assert!(x.abs_diff(51) <= 1 && y.abs_diff(128) <= 1 && z.abs_diff(230) <= 1 && alpha == 255, "{x} {y} {z}");
     }
 
     #[test]

@@ -370,8 +370,6 @@ settings! {
     /// Weight of the error of the image gradient, the image's own being 1 (`L_img` in the paper), where vertices are moved
     /// and where textures are fitted by `Adam`.
     gradient_weight: f32 = always(0.5), Limit::Between(0.0, 10.0), [Refine];
-    /// Weight of the error of normals, seen as colours, beside that of colours in `coarse_steps`.
-    shading_weight: f32 = always(0.0), Limit::Between(0.0, 10.0), [Refine];
     /// Weight of the Laplacian of how far vertices have moved (`L_laplacian` in the paper), in squared radii of the model.
     laplacian_weight: f32 = always(0.02), Limit::Between(0.0, 10.0), [Refine];
     /// Weight of the cosines between neighbouring vertex normals (`L_normal` in the paper).
