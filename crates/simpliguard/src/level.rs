@@ -12,7 +12,7 @@ use crate::refine::{self, LowPoly, Refined, Skin};
 use crate::render::{Frame, Motions, SurfaceSample, SurfaceSampler, View};
 use crate::rig::{self, Donor, Poses, Split, Transfer};
 use crate::settings::{BakeSettings, MorphTargets, SkinTransfer};
-use crate::shape::{Cards, Deviation, JointPlanes, Road, Shape};
+use crate::shape::{Cards, Gauge, JointPlanes, Road, Shape};
 use crate::texture::{self, Channels, Texel};
 use crate::unwrap::{Atlas, UnwrapParams, unwrap};
 use crate::{Bvh, Context, Error, Key, StageId};
@@ -28,6 +28,7 @@ pub(crate) struct Shared<'a> {
     pub(crate) sampler: SurfaceSampler<'a>,
     pub(crate) bvh: &'a Bvh,
     pub(crate) donor: &'a Donor<'a>,
+    pub(crate) gauge: &'a Gauge<'a>,
     pub(crate) frame: Frame,
     pub(crate) views: Vec<View>,
     pub(crate) poses: Option<Poses<'a>>,
@@ -54,7 +55,6 @@ pub(crate) fn make_level(
     number: u32,
     budget: u32,
     shape: &Shape,
-    deviation: &Deviation,
 ) -> Result<(Level, LevelReport), Error> {
     let Shared { model, settings, context, clock, .. } = *shared;
     context.check(&model.name)?;
@@ -82,7 +82,7 @@ pub(crate) fn make_level(
 
     let unlit = model.materials.iter().all(|m| m.unlit);
     let channels = Channels { normal: settings.normal_map && !unlit, alpha, format: settings.texture_format };
-    let topology = LevelTopology::of(&mesh);
+    let (topology, deviation) = (LevelTopology::of(&mesh), shared.gauge.measure(&mesh));
     let (mesh, textures, material) = clock.time(StageId::Texture, || {
         let morphs = match settings.morph_targets {
             MorphTargets::Transfer => rig::transfer_morphs(shared.donor, &mesh),
@@ -101,7 +101,7 @@ pub(crate) fn make_level(
             .then(|| "small parts vanish several faces at a time, and the next would be one too many".to_owned()),
         candidate: shape.road.to_string(),
         error: deviation.percentile_95,
-        deviation: *deviation,
+        deviation,
         topology,
         charts: atlas.charts as u32,
         fill: atlas.fill,
@@ -158,7 +158,8 @@ fn fit(
             let poses = shared.poses.as_ref().filter(|_| settings.refine_weights);
             let mut skin = poses.map(|poses| Skin::new(poses, influences.clone()));
             let (views, radius) = (&shared.views, shared.frame.radius);
-            let refined = refine::refine(&mut low, skin.as_mut(), views, radius, &params, &model.name, context)?;
+            let refined =
+                refine::refine(&mut low, skin.as_mut(), views, shared.bvh, radius, &params, &model.name, context)?;
             let influences = skin.map_or_else(|| influences.clone(), Skin::into_influences);
             Ok((low.positions, (influences, refined)))
         })

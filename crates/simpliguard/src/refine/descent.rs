@@ -5,13 +5,14 @@ use rayon::prelude::*;
 
 use super::adam::Adam;
 use super::backward::Gradients;
+use super::distance::SourceDistance;
 use super::forward::Frame;
 use super::guard::Guard;
 use super::loss::{Loss, squared_error};
 use super::regularise::Laplacian;
 use super::{LowPoly, Skin, solve_texture};
 use crate::render::{Picture, Random, Rect, View};
-use crate::{Context, Error};
+use crate::{Bvh, Context, Error};
 
 /// Views a step.
 const BATCH: usize = 2;
@@ -21,6 +22,8 @@ const HELD_OUT: usize = 6;
 const GRADIENT_WEIGHT: f32 = 0.5;
 /// Weight of the Laplacian of the displacement, with the source's radius as unit of length.
 const LAPLACIAN_WEIGHT: f32 = 0.02;
+/// Weight of the squared distance to the source, with the mean edge as unit of length.
+const DISTANCE_WEIGHT: f32 = 3.0;
 /// First step of a skin weight.
 const WEIGHT_RATE: f32 = 0.01;
 /// Factor on the step length from step to step.
@@ -65,6 +68,7 @@ pub fn refine(
     low: &mut LowPoly,
     skin: Option<&mut Skin<'_>>,
     views: &[View],
+    bvh: &Bvh,
     radius: f32,
     params: &Params,
     asset: &str,
@@ -81,7 +85,7 @@ pub fn refine(
         refined.psnr = refined.psnr_initial;
     }
     if params.steps > 0 && !low.triangles.is_empty() {
-        refined.psnr = descend(low, skin, &split, radius, params, refined.psnr, asset, context)?;
+        refined.psnr = descend(low, skin, &split, bvh, radius, params, refined.psnr, asset, context)?;
     }
     Ok(refined)
 }
@@ -154,6 +158,7 @@ fn descend(
     low: &mut LowPoly,
     mut skin: Option<&mut Skin<'_>>,
     split: &Split<'_>,
+    bvh: &Bvh,
     radius: f32,
     params: &Params,
     start: f32,
@@ -166,11 +171,14 @@ fn descend(
     let origin = low.positions.clone();
     let guard = Guard::new(low);
     let laplacian = Laplacian::new(origin.len(), &low.triangles);
+    let mut distance = SourceDistance::new(bvh, &origin, &low.triangles);
+    let edge = low.mean_edge();
+    let distance_weight = DISTANCE_WEIGHT / (edge * edge);
     let mut adam = Adam::new(3 * origin.len());
     let mut weight_adam = Adam::new(4 * origin.len());
     let mut weight_rate = WEIGHT_RATE;
     let mut order = Order::new(split.fitted.len(), params.seed);
-    let mut rate = params.step_length * low.mean_edge();
+    let mut rate = params.step_length * edge;
     let weights = |skin: &Option<&mut Skin<'_>>| skin.as_ref().map_or_else(Vec::new, |skin| skin.weights());
     let mut best = (start, low.positions.clone(), low.texels.clone(), weights(&skin));
     for step in 1..=params.steps {
@@ -204,6 +212,7 @@ fn descend(
         }
         let moved: Vec<Vec3> = low.positions.iter().zip(&origin).map(|(a, b)| *a - *b).collect();
         laplacian.add_gradient(&moved, LAPLACIAN_WEIGHT / (radius * radius), &mut gradient);
+        distance.add_gradient(&low.positions, &low.triangles, distance_weight, &mut gradient);
         adam.step(bytemuck::cast_slice_mut(&mut low.positions), bytemuck::cast_slice(&gradient), rate);
         rate *= DECAY;
         if step % params.resolve_every.max(1) == 0 || step == params.steps {
@@ -227,6 +236,7 @@ fn descend(
                     weight_rate *= BACKTRACK;
                 }
             }
+            distance = SourceDistance::new(bvh, &low.positions, &low.triangles);
         }
     }
     (low.positions, low.texels) = (best.1, best.2);

@@ -10,6 +10,7 @@
 mod adam;
 mod backward;
 mod descent;
+mod distance;
 mod forward;
 #[cfg(test)]
 mod gradient_tests;
