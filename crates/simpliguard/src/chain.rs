@@ -10,7 +10,7 @@ use crate::mesh::{Topology, TriMesh, self_intersecting};
 use crate::model::{Level, Model, SMALLEST_EXTENT};
 use crate::objects::{content_key, shapes_key};
 use crate::refine::Refined;
-use crate::render::{Frame, SurfaceSampler, View, take_posed_views, take_views, viewpoints};
+use crate::render::{Frame, SurfaceSampler, View, halve_views, take_posed_views, take_views, viewpoints};
 use crate::rig::{self, Donor, Poses};
 use crate::settings::{BakeSettings, ExistingLods, JointPlanes, MorphTargets};
 use crate::shape::{self, Deviation};
@@ -114,6 +114,10 @@ pub struct LevelReport {
     pub charts: u32,
     /// Part of the atlas that charts cover.
     pub fill: f32,
+    /// L2 stretch of the atlas (Sander et al. 2001) relative to each chart's mean texel density: 1 if lengths are kept.
+    pub stretch: f32,
+    /// L-infinity stretch: how many times longer than by its chart's mean density a texel is on the surface, at worst.
+    pub worst_stretch: f32,
     /// What refinement gained, in dB over held-out views; `None` for a cut-out, which is not refined.
     pub refined: Option<Refined>,
 }
@@ -253,6 +257,7 @@ fn make_levels(
         },
         || clock.time(StageId::Refine, || views_of(&sampler, &frame, poses.as_ref(), seed, settings, context)),
     );
+    let halves = clock.time(StageId::Refine, || halves_of(&sampler, &views, poses.as_ref(), settings));
     context.check(&model.name)?;
     context.report(StageId::Shape, None, 0.15);
     let donor = Donor::new(model, &bvh);
@@ -290,6 +295,7 @@ fn make_levels(
         gauge: &gauge,
         frame,
         views,
+        halves,
         poses,
         planes,
         seed,
@@ -339,6 +345,20 @@ fn views_of(
     });
     views.par_extend(posed);
     views
+}
+
+/// The views at half the size that vertices are moved by, if they are.
+fn halves_of(
+    sampler: &SurfaceSampler<'_>,
+    views: &[View],
+    poses: Option<&Poses<'_>>,
+    settings: &BakeSettings,
+) -> Vec<View> {
+    if !settings.refine || settings.coarse_steps * (settings.refine_steps as f32) < 1.0 {
+        return Vec::new();
+    }
+    let posed = |pose: usize| poses.map_or_else(Vec::new, |poses| poses.source_in(pose));
+    halve_views(sampler, views, posed, settings.shading_weight > 0.0)
 }
 
 /// What is said of morph targets that levels leave out.
