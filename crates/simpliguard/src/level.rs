@@ -230,7 +230,11 @@ fn influences(shared: &Shared<'_>, mesh: &TriMesh) -> Vec<Influences> {
         SkinTransfer::ClosestSurface => Transfer::default(),
         SkinTransfer::NearestVertices => Transfer::NearestVertices { k: 4 },
     };
-    rig::transfer(shared.donor, mesh, &mesh.vertex_normals(), method).0
+    let (influences, _) = rig::transfer(shared.donor, mesh, &mesh.vertex_normals(), method);
+    match &shared.poses {
+        Some(poses) if shared.settings.refine_weights => rig::fit(shared.donor, poses, mesh, influences),
+        _ => influences,
+    }
 }
 
 /// Levels of at most 1,000 faces are seen from afar: half the texture is enough.

@@ -312,8 +312,8 @@ settings! {
     /// Largest difference of the two largest weights of a vertex between two bones (delta in the paper), which is where
     /// the planes are.
     joint_delta: f32 = always(0.1), Limit::Between(0.001, 1.0), [Shape, Rig];
-    /// Number of frames of the source's clips that decide on the shape of levels besides the rest pose; what follows is
-    /// fitted to half as many as there are views. 0 takes the rest pose alone.
+    /// Number of frames of the source's clips, or of turns of its joints if it has none, that decide on the shape of levels
+    /// besides the rest pose; what follows is fitted to half as many as there are views. 0 takes the rest pose alone.
     poses: u32 = by_quality(2, 4, 6), Limit::Between(0.0, 16.0), [Reconstruct, Shape, Texture, Refine];
     /// Side of each level's square textures, in texels; levels of at most 1,000 faces get half of it.
     texture_size: u32 = always(1024), Limit::PowerOfTwo(64, 4096), [Unwrap, Texture, Refine];
@@ -330,8 +330,9 @@ settings! {
     view_size: u32 = always(512), Limit::Between(128.0, 2048.0), [Shape, Texture, Refine];
     /// Number of optimisation steps by differentiable rendering; 0 leaves the vertices where they are.
     refine_steps: u32 = by_quality(0, 120, 300), Limit::Between(0.0, 2000.0), [Refine];
-    /// Whether refinement moves joint weights too, to fit the poses.
-    refine_weights: bool = always(true), Limit::None, [Refine];
+    /// Whether joint weights are fitted to the poses: over the faces between vertices first, and then together with the
+    /// vertices.
+    refine_weights: bool = always(true), Limit::None, [Rig, Refine];
     /// How strongly neighbouring texels are pulled together where the views say little.
     texture_smoothness: f32 = always(0.1), Limit::Between(0.0, 10.0), [Texture, Refine];
     /// Longest way of a vertex in one step, as a fraction of the mean edge length.
