@@ -10,7 +10,7 @@ use crate::model::{Influences, Level, Model, linear_to_srgb};
 use crate::objects::{atlas_key, descent_key};
 use crate::refine::{self, LowPoly, Refined, Skin};
 use crate::render::{Frame, Motions, SurfaceSample, SurfaceSampler, View};
-use crate::rig::{self, Donor, Poses, Split, Transfer};
+use crate::rig::{self, Donor, Poses, Split, StandIns, Transfer};
 use crate::settings::{BakeSettings, MorphTargets, SkinTransfer};
 use crate::shape::{Cards, Deviation, JointPlanes, Road, Shape};
 use crate::texture::{self, Channels, Texel};
@@ -107,7 +107,17 @@ pub(crate) fn make_level(
         fill: atlas.fill,
         refined,
     };
-    Ok((Level { budget, error: deviation.percentile_95, mesh, material, textures }, report))
+    Ok((
+        Level {
+            budget,
+            error: deviation.percentile_95,
+            mesh,
+            own_joints: settings.bone_faces > 0.0,
+            material,
+            textures,
+        },
+        report,
+    ))
 }
 
 /// A level's mesh with its vertices where they stay.
@@ -230,7 +240,11 @@ fn influences(shared: &Shared<'_>, mesh: &TriMesh) -> Vec<Influences> {
         SkinTransfer::ClosestSurface => Transfer::default(),
         SkinTransfer::NearestVertices => Transfer::NearestVertices { k: 4 },
     };
-    let (influences, _) = rig::transfer(shared.donor, mesh, &mesh.vertex_normals(), method);
+    let (mut influences, _) = rig::transfer(shared.donor, mesh, &mesh.vertex_normals(), method);
+    let faces = mesh.triangles.len();
+    if let Some(stand_ins) = StandIns::of(shared.model, faces, shared.settings.bone_faces) {
+        stand_ins.fold(&mut influences);
+    }
     match &shared.poses {
         Some(poses) if shared.settings.refine_weights => rig::fit(shared.donor, poses, mesh, influences),
         _ => influences,

@@ -13,6 +13,7 @@
 //! A few frames of the source's clips, chosen to stand for all of them ([`Poses`]), go with the rest pose through every
 //! later decision: what can be seen, which edges collapse, which candidate wins, where vertices and texels end up.
 
+mod bones;
 mod fit;
 mod inpaint;
 pub(crate) mod joints;
@@ -31,6 +32,7 @@ use glam::Vec3;
 use crate::mesh::TriMesh;
 use crate::model::Influences;
 
+pub use bones::StandIns;
 pub use joints::Joints;
 pub use morphs::transfer_morphs;
 pub use motion::Skinning;
