@@ -10,7 +10,7 @@ use crate::model::{Influences, Level, Model, linear_to_srgb};
 use crate::objects::{atlas_key, descent_key};
 use crate::refine::{self, LowPoly, Refined, Skin, Solver, TextureDescent, TextureFit};
 use crate::render::{Frame, Motions, SurfaceSample, SurfaceSampler, View};
-use crate::rig::{self, Donor, Poses, Split, Transfer};
+use crate::rig::{self, Donor, Poses, Split, StandIns, Transfer};
 use crate::settings::{BakeSettings, InitialTexture, MorphTargets, SkinTransfer, TextureSolver};
 use crate::shape::{Cards, Gauge, JointPlanes, Road, Shape};
 use crate::texture::{self, Channels, Texel};
@@ -117,7 +117,17 @@ pub(crate) fn make_level(
         worst_stretch: atlas.worst_stretch,
         refined,
     };
-    Ok((Level { budget, error: deviation.percentile_95, mesh, material, textures }, report))
+    Ok((
+        Level {
+            budget,
+            error: deviation.percentile_95,
+            mesh,
+            own_joints: settings.bone_faces > 0.0,
+            material,
+            textures,
+        },
+        report,
+    ))
 }
 
 /// A level's mesh with its vertices where they stay.
@@ -293,7 +303,15 @@ fn influences(shared: &Shared<'_>, mesh: &TriMesh) -> Vec<Influences> {
         SkinTransfer::ClosestSurface => Transfer::default(),
         SkinTransfer::NearestVertices => Transfer::NearestVertices { k: 4 },
     };
-    rig::transfer(shared.donor, mesh, &mesh.vertex_normals(), method).0
+    let (mut influences, _) = rig::transfer(shared.donor, mesh, &mesh.vertex_normals(), method);
+    let faces = mesh.triangles.len();
+    if let Some(stand_ins) = StandIns::of(shared.model, faces, shared.settings.bone_faces) {
+        stand_ins.fold(&mut influences);
+    }
+    match &shared.poses {
+        Some(poses) if shared.settings.refine_weights => rig::fit(shared.donor, poses, mesh, influences),
+        _ => influences,
+    }
 }
 
 /// Levels of at most 1,000 faces are seen from afar: half the texture is enough.

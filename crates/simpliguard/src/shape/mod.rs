@@ -49,7 +49,7 @@ const RINGS: usize = 2;
 const NEGLIGIBLE_FACES: f64 = 0.75;
 
 /// Largest part of a budget that is kept for the faces along joint planes.
-const MOST_RESERVED: f64 = 0.25;
+const MOST_RESERVED: f64 = 0.08;
 
 /// How far vertices in one place are moved apart, as a part of the frame's radius.
 const PARTED: f32 = 2e-5;
