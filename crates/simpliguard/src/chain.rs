@@ -12,10 +12,10 @@ use crate::objects::{content_key, shapes_key};
 use crate::refine::Refined;
 use crate::render::{Frame, SurfaceSampler, View, take_posed_views, take_views, viewpoints};
 use crate::rig::{self, Donor, Poses};
-use crate::settings::{BakeSettings, Candidates, ExistingLods, JointPlanes, MorphTargets, Resolution};
+use crate::settings::{BakeSettings, ExistingLods, JointPlanes, MorphTargets};
 use crate::shape::{self, Deviation};
 use crate::targets::Targets;
-use crate::{Bvh, Context, Error, Source, StageId, content_hash, reconstruct};
+use crate::{Bvh, Context, Error, Source, StageId, content_hash};
 
 /// Part of every cache key: raised whenever the output of any stage changes for equal input and settings.
 pub const PIPELINE_VERSION: &str = "3";
@@ -262,11 +262,13 @@ fn make_levels(
     context.report(StageId::Shape, None, 0.15);
     let donor = Donor::new(model, &bvh);
     let importance = shape::Importance::of(model, settings)?;
+    let gauge = clock.time(StageId::Shape, || shape::Gauge::new(&solid));
     let inputs = shape::Inputs {
         model,
         bvh: &bvh,
         donor: &donor,
         solid: &solid,
+        gauge: &gauge,
         frame,
         views: &views,
         poses: poses.as_ref(),
@@ -277,7 +279,7 @@ fn make_levels(
         planes: joint_planes(model, settings),
         split: settings.joint_planes == JointPlanes::BeforeUnwrap,
     };
-    let params = shape::Params { joint_planes: planes.clone(), ..shape_params(settings, &budgets) };
+    let params = shape::Params { joint_planes: planes.clone(), ..shape::Params::new(settings, &budgets) };
     let content = context.key(|| content_key(source, model));
     let shapes = clock.time(StageId::Shape, || {
         let key = content.map(|content| shapes_key(&content, settings));
@@ -290,6 +292,7 @@ fn make_levels(
         sampler,
         bvh: &bvh,
         donor: &donor,
+        gauge: &gauge,
         frame,
         views,
         halves,
@@ -305,7 +308,7 @@ fn make_levels(
     let made: Result<Vec<_>, Error> = chosen
         .par_iter()
         .enumerate()
-        .map(|(i, &c)| make_level(&shared, i as u32 + 1, budgets[c], &shapes[c], &deviations[c]))
+        .map(|(i, &c)| make_level(&shared, i as u32 + 1, budgets[c], &shapes[c]))
         .collect();
     let (levels, reports) = made?.into_iter().unzip();
     Ok(Made { levels, reports, unmet })
@@ -364,30 +367,6 @@ fn joint_planes(model: &Model, settings: &BakeSettings) -> Vec<rig::JointPlane> 
     match settings.joint_planes {
         JointPlanes::Off => Vec::new(),
         JointPlanes::BeforeUnwrap | JointPlanes::AfterRefine => rig::joint_planes(model, settings.joint_delta),
-    }
-}
-
-fn shape_params(settings: &BakeSettings, budgets: &[u32]) -> shape::Params {
-    let reconstructions = match (settings.candidates, settings.resolution) {
-        (Candidates::Source, _) => Vec::new(),
-        // Fine for large budgets, coarse for small ones, thick where parts lie close together.
-        (_, Resolution::Auto) => {
-            vec![reconstruct::Params::new(128), reconstruct::Params::new(256), reconstruct::Params::thick(128)]
-        }
-        (_, Resolution::Cells(n)) => vec![reconstruct::Params::new(n)],
-    };
-    shape::Params {
-        budgets: budgets.to_vec(),
-        finer: (settings.resolution == Resolution::Auto && !reconstructions.is_empty())
-            .then(|| reconstruct::Params::new(384)),
-        reconstructions,
-        // The source's own triangles need not be closed.
-        source: settings.candidates != Candidates::Reconstruction && !settings.watertight,
-        cards: settings.candidates == Candidates::All && !settings.watertight,
-        remove_invisible: settings.remove_invisible && !settings.watertight,
-        visible_weight: f64::from(settings.visible_weight),
-        curvature: f64::from(settings.curvature),
-        joint_planes: shape::JointPlanes::default(),
     }
 }
 

@@ -10,9 +10,9 @@ use crate::model::{Influences, Level, Model, linear_to_srgb};
 use crate::objects::{atlas_key, descent_key};
 use crate::refine::{self, LowPoly, Refined, Skin, Solver, TextureDescent, TextureFit};
 use crate::render::{Frame, Motions, SurfaceSample, SurfaceSampler, View};
-use crate::rig::{self, Donor, Poses, Split, Transfer};
+use crate::rig::{self, Donor, Poses, Split, StandIns, Transfer};
 use crate::settings::{BakeSettings, InitialTexture, MorphTargets, SkinTransfer, TextureSolver};
-use crate::shape::{Cards, Deviation, JointPlanes, Road, Shape};
+use crate::shape::{Cards, Gauge, JointPlanes, Road, Shape};
 use crate::texture::{self, Channels, Texel};
 use crate::unwrap::{Atlas, UnwrapParams, unwrap};
 use crate::{Bvh, Context, Error, Key, StageId};
@@ -28,6 +28,7 @@ pub(crate) struct Shared<'a> {
     pub(crate) sampler: SurfaceSampler<'a>,
     pub(crate) bvh: &'a Bvh,
     pub(crate) donor: &'a Donor<'a>,
+    pub(crate) gauge: &'a Gauge<'a>,
     pub(crate) frame: Frame,
     pub(crate) views: Vec<View>,
     /// The same at half the size, or none.
@@ -56,7 +57,6 @@ pub(crate) fn make_level(
     number: u32,
     budget: u32,
     shape: &Shape,
-    deviation: &Deviation,
 ) -> Result<(Level, LevelReport), Error> {
     let Shared { model, settings, context, clock, .. } = *shared;
     context.check(&model.name)?;
@@ -90,7 +90,7 @@ pub(crate) fn make_level(
 
     let unlit = model.materials.iter().all(|m| m.unlit);
     let channels = Channels { normal: settings.normal_map && !unlit, alpha, format: settings.texture_format };
-    let topology = LevelTopology::of(&mesh);
+    let (topology, deviation) = (LevelTopology::of(&mesh), shared.gauge.measure(&mesh));
     let (mesh, textures, material) = clock.time(StageId::Texture, || {
         let morphs = match settings.morph_targets {
             MorphTargets::Transfer => rig::transfer_morphs(shared.donor, &mesh),
@@ -109,7 +109,7 @@ pub(crate) fn make_level(
             .then(|| "small parts vanish several faces at a time, and the next would be one too many".to_owned()),
         candidate: shape.road.to_string(),
         error: deviation.percentile_95,
-        deviation: *deviation,
+        deviation,
         topology,
         charts: atlas.charts as u32,
         fill: atlas.fill,
@@ -117,7 +117,17 @@ pub(crate) fn make_level(
         worst_stretch: atlas.worst_stretch,
         refined,
     };
-    Ok((Level { budget, error: deviation.percentile_95, mesh, material, textures }, report))
+    Ok((
+        Level {
+            budget,
+            error: deviation.percentile_95,
+            mesh,
+            own_joints: settings.bone_faces > 0.0,
+            material,
+            textures,
+        },
+        report,
+    ))
 }
 
 /// A level's mesh with its vertices where they stay.
@@ -170,6 +180,7 @@ fn fit(
         texture,
         gradient_weight: settings.gradient_weight,
         laplacian_weight: settings.laplacian_weight,
+        distance_weight: settings.distance_weight,
         normal_weight: settings.normal_weight,
         seed: shared.seed ^ u64::from(budget),
     };
@@ -179,9 +190,13 @@ fn fit(
             let mut low = low.clone();
             let poses = shared.poses.as_ref().filter(|_| settings.refine_weights);
             let mut skin = poses.map(|poses| Skin::new(poses, influences.clone()));
-            let (views, halves, radius) = (&shared.views, &shared.halves, shared.frame.radius);
-            let refined =
-                refine::refine(&mut low, skin.as_mut(), views, halves, radius, &params, &model.name, context)?;
+            let target = refine::Target {
+                views: &shared.views,
+                halves: &shared.halves,
+                bvh: shared.bvh,
+                radius: shared.frame.radius,
+            };
+            let refined = refine::refine(&mut low, skin.as_mut(), &target, &params, &model.name, context)?;
             let influences = skin.map_or_else(|| influences.clone(), Skin::into_influences);
             Ok((low.positions, (influences, refined)))
         })
@@ -277,7 +292,15 @@ fn influences(shared: &Shared<'_>, mesh: &TriMesh) -> Vec<Influences> {
         SkinTransfer::ClosestSurface => Transfer::default(),
         SkinTransfer::NearestVertices => Transfer::NearestVertices { k: 4 },
     };
-    rig::transfer(shared.donor, mesh, &mesh.vertex_normals(), method).0
+    let (mut influences, _) = rig::transfer(shared.donor, mesh, &mesh.vertex_normals(), method);
+    let faces = mesh.triangles.len();
+    if let Some(stand_ins) = StandIns::of(shared.model, faces, shared.settings.bone_faces) {
+        stand_ins.fold(&mut influences);
+    }
+    match &shared.poses {
+        Some(poses) if shared.settings.refine_weights => rig::fit(shared.donor, poses, mesh, influences),
+        _ => influences,
+    }
 }
 
 /// Levels of at most 1,000 faces are seen from afar: half the texture is enough.

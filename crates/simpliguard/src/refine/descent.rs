@@ -8,6 +8,7 @@ use rayon::prelude::*;
 
 use super::adam::Adam;
 use super::backward::Gradients;
+use super::distance::SourceDistance;
 use super::forward::Frame;
 use super::guard::Guard;
 use super::loss::Loss;
@@ -15,7 +16,7 @@ use super::regularise::Structure;
 use super::split::Split;
 use super::{LowPoly, Skin, TextureFit};
 use crate::render::{Random, View};
-use crate::{Context, Error};
+use crate::{Bvh, Context, Error};
 
 /// Views a step.
 const BATCH: usize = 2;
@@ -43,6 +44,8 @@ pub struct Params {
     pub gradient_weight: f32,
     /// Weight of the Laplacian of the displacement, with the source's radius as unit of length.
     pub laplacian_weight: f32,
+    /// Weight of the squared distance to the source, with the mean edge as unit of length.
+    pub distance_weight: f32,
     /// Weight of the consistency of normals.
     pub normal_weight: f32,
     /// Order in which views are taken.
@@ -60,27 +63,36 @@ pub struct Refined {
     pub psnr: f32,
 }
 
-/// Fits `low` to the views, and `skin` to those in other poses, `radius` being the source's; `halves` are the same views at
-/// half the size, or none. Never ends worse than it began by the views held out.
+/// What a mesh is fitted to.
+pub struct Target<'a> {
+    /// The source's pictures.
+    pub views: &'a [View],
+    /// The same at half the size, or none.
+    pub halves: &'a [View],
+    /// Over the source's triangles.
+    pub bvh: &'a Bvh,
+    /// Of the source.
+    pub radius: f32,
+}
+
+/// Fits `low` to the views, and `skin` to those in other poses. Never ends worse than it began by the views held out.
 ///
 /// # Errors
 /// If cancelled.
 pub fn refine(
     low: &mut LowPoly,
     skin: Option<&mut Skin<'_>>,
-    views: &[View],
-    halves: &[View],
-    radius: f32,
+    target: &Target<'_>,
     params: &Params,
     asset: &str,
     context: &Context<'_>,
 ) -> Result<Refined, Error> {
-    let split = Split::new(views);
+    let split = Split::new(target.views);
     let refined = fit_to(low, &split, params.texture.as_ref());
     if params.steps == 0 || low.triangles.is_empty() {
         return Ok(refined);
     }
-    let psnr = Descent::new(low, radius, params, asset, context).run(low, skin, halves, &split, refined.psnr)?;
+    let psnr = Descent::new(low, target, params, asset, context).run(low, skin, target.halves, &split, refined.psnr)?;
     Ok(Refined { psnr, ..refined })
 }
 
@@ -139,6 +151,7 @@ struct Descent<'a> {
     context: &'a Context<'a>,
     guard: Guard,
     structure: Structure,
+    distance: SourceDistance<'a>,
     adam: Adam,
     weight_adam: Adam,
     /// Step lengths of vertices and of skin weights.
@@ -148,18 +161,20 @@ struct Descent<'a> {
 }
 
 impl<'a> Descent<'a> {
-    fn new(low: &LowPoly, radius: f32, params: &'a Params, asset: &'a str, context: &'a Context<'a>) -> Self {
-        let vertices = low.positions.len();
-        let laplacian_weight = params.laplacian_weight / (radius * radius);
+    fn new(low: &LowPoly, target: &Target<'a>, params: &'a Params, asset: &'a str, context: &'a Context<'a>) -> Self {
+        let (vertices, edge) = (low.positions.len(), low.mean_edge());
+        let laplacian_weight = params.laplacian_weight / (target.radius * target.radius);
+        let distance_weight = params.distance_weight / (edge * edge);
         Self {
             params,
             asset,
             context,
             guard: Guard::new(low),
             structure: Structure::new(low, laplacian_weight, params.normal_weight),
+            distance: SourceDistance::new(target.bvh, low, distance_weight),
             adam: Adam::new(3 * vertices),
             weight_adam: Adam::new(4 * vertices),
-            rate: params.step_length * low.mean_edge(),
+            rate: params.step_length * edge,
             weight_rate: WEIGHT_RATE,
             step: 0,
         }
@@ -228,6 +243,7 @@ impl<'a> Descent<'a> {
                 best.restore(low, skin.as_deref_mut());
                 self.shorten();
             }
+            self.distance.find_planes(low);
         }
         best.restore(low, skin);
         Ok(best.psnr)
@@ -269,6 +285,7 @@ impl<'a> Descent<'a> {
             gradient.iter_mut().zip(&lane.gradients.positions).for_each(|(a, b)| *a += *b / BATCH as f32);
         }
         self.structure.add_gradient(&low.positions, &mut gradient);
+        self.distance.add_gradient(low, &mut gradient);
         self.adam.step(bytemuck::cast_slice_mut(&mut low.positions), bytemuck::cast_slice(&gradient), self.rate);
         self.rate *= DECAY;
         self.weight_rate *= DECAY;

@@ -11,6 +11,7 @@
 mod adam;
 mod backward;
 mod descent;
+mod distance;
 mod forward;
 #[cfg(test)]
 mod gradient_tests;
@@ -23,7 +24,7 @@ mod split;
 mod stencil;
 mod texture_descent;
 
-pub use descent::{Params, Refined, fit_texture, refine};
+pub use descent::{Params, Refined, Target, fit_texture, refine};
 pub use low_poly::LowPoly;
 pub use skin::Skin;
 pub use stencil::solve_texture;

@@ -106,7 +106,7 @@ mod tests {
         let mut gradient = vec![Vec4::ZERO; 9];
         add_smoothness(&low, 0.8, &mut gradient);
         assert_eq!(gradient[2], Vec4::ZERO);
-        for i in 0..9 {
+        for (i, gradient) in gradient.iter().enumerate() {
             let mut at = |h: f32| {
                 low.texels[i].x += h;
                 let loss = add_smoothness(&low, 0.8, &mut [Vec4::ZERO; 9]);
@@ -114,7 +114,7 @@ mod tests {
                 loss
             };
             let difference = (at(0.01) - at(-0.01)) / 0.02;
-            assert!((difference - f64::from(gradient[i].x)).abs() < 1e-4, "{difference} {}", gradient[i].x);
+            assert!((difference - f64::from(gradient.x)).abs() < 1e-4, "{difference} {}", gradient.x);
         }
     }
 }

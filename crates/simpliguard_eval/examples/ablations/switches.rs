@@ -23,6 +23,7 @@ const SWITCHES: [Switch; 13] = [
     ("without image gradient loss", |s| BakeSettings { gradient_weight: 0.0, ..s }),
     ("240 steps, three quarters at half size", |s| BakeSettings { refine_steps: 240, coarse_steps: 0.75, ..s }),
     ("without texture smoothness loss", |s| BakeSettings { texture_smoothness: 0.0, ..s }),
+    ("without distance to the source", |s| BakeSettings { distance_weight: 0.0, ..s }),
     ("without Laplacian", |s| BakeSettings { laplacian_weight: 0.0, ..s }),
     ("with normal consistency 0.001", |s| BakeSettings { normal_weight: 0.001, ..s }),
     ("with curvature quadric 0.1", |s| BakeSettings { curvature: 0.1, ..s }),

@@ -62,7 +62,9 @@ impl Default for ExportOptions {
 /// skins; [`Error::Limit`] above 4 GiB.
 pub fn export(model: &Model, levels: &[Level], options: &ExportOptions) -> Result<Vec<u8>, Error> {
     let binding = Binding::new(model, levels)?;
-    let encoded = encode(model, levels, binding.as_ref())?;
+    let narrowed: Vec<Option<Binding>> =
+        levels.iter().map(|level| binding.as_ref().and_then(|b| b.narrowed(level))).collect();
+    let encoded = encode(model, levels, binding.as_ref(), &narrowed)?;
     let mut out = embed::embed(model)?;
     stamp(&mut out, &options.version);
     let old_levels = hierarchy::remove_lods(&mut out);
@@ -70,15 +72,13 @@ pub fn export(model: &Model, levels: &[Level], options: &ExportOptions) -> Resul
     let scene = out.default_scene();
     join_roots_of(&mut out, scene, binding.as_ref());
     let roots = hierarchy::with_roots_of(&out, hierarchy::scene_roots(&out, scene), &joints);
-    let writer = Writer {
-        skin: binding.as_ref().map(|b| b.write(&mut out)),
-        sampler: if levels.is_empty() { 0 } else { level::push_sampler(&mut out) },
-        roots,
-        joints,
-    };
+    let shared = binding.as_ref().filter(|_| narrowed.iter().any(Option::is_none)).map(|b| b.write(&mut out));
+    let skins: Vec<Option<usize>> =
+        narrowed.iter().map(|own| own.as_ref().map(|b| b.write(&mut out)).or(shared)).collect();
+    let writer = Writer { sampler: if levels.is_empty() { 0 } else { level::push_sampler(&mut out) }, roots, joints };
     let mut ids = Vec::new();
     let mut morphing = Vec::new();
-    for (k, (level, encoded)) in levels.iter().zip(&encoded).enumerate() {
+    for (k, ((level, encoded), skin)) in levels.iter().zip(&encoded).zip(skins).enumerate() {
         let mut extras = json!({ "simpliguard": {
             "version": options.version,
             "level": k + 1,
@@ -91,7 +91,7 @@ pub fn export(model: &Model, levels: &[Level], options: &ExportOptions) -> Resul
             extras["simpliguard"]["morphs"] = json!(morphs.node);
         }
         let first = out.all(Kind::Node).len();
-        ids.push(writer.write(&mut out, encoded, k + 1, extras));
+        ids.push(writer.write(&mut out, encoded, k + 1, skin, extras));
         if encoded.morphs() {
             let nodes = first..out.all(Kind::Node).len();
             morphing.extend(nodes.filter(|&node| out.all(Kind::Node)[node].get("mesh").is_some()));
@@ -120,8 +120,8 @@ pub fn export(model: &Model, levels: &[Level], options: &ExportOptions) -> Resul
 /// # Errors
 /// As [`export`].
 pub fn export_level(model: &Model, level: &Level) -> Result<Vec<u8>, Error> {
-    let levels = std::slice::from_ref(level);
-    let binding = Binding::new(model, levels)?;
+    let binding = Binding::new(model, std::slice::from_ref(level))?;
+    let binding = binding.map(|b| b.narrowed(level).unwrap_or(b));
     let encoded = EncodedLevel::new(model, level, binding.as_ref())?;
     let mut out = embed::embed(model)?;
     stamp(&mut out, &ExportOptions::default().version);
@@ -194,8 +194,6 @@ fn bare_nodes(out: &mut Builder, roots: &[usize], joints: &[usize]) {
 
 /// Appends levels to a document that has the source in front.
 struct Writer {
-    /// The levels' skin on the source's joints.
-    skin: Option<usize>,
     sampler: usize,
     /// Roots of the default scene, and those over joints outside of it.
     roots: Vec<usize>,
@@ -203,11 +201,11 @@ struct Writer {
 }
 
 impl Writer {
-    /// Appends a level and its scene; returns its node.
-    fn write(&self, out: &mut Builder, level: &EncodedLevel, k: usize, extras: Value) -> usize {
+    /// Appends a level and its scene; returns its node. `skin` is on the source's joints.
+    fn write(&self, out: &mut Builder, level: &EncodedLevel, k: usize, skin: Option<usize>, extras: Value) -> usize {
         let name = format!("LOD{k}");
         let mesh = level.write(out, &name, self.sampler);
-        let skin = self.skin.filter(|_| level.is_skinned());
+        let skin = skin.filter(|_| level.is_skinned());
         let mut node = level_node(&name, mesh, skin);
         node["extras"] = extras;
         let node = out.push(Kind::Node, node);
@@ -246,8 +244,14 @@ fn level_node(name: &str, mesh: usize, skin: Option<usize>) -> Value {
     node
 }
 
-fn encode(model: &Model, levels: &[Level], binding: Option<&Binding>) -> Result<Vec<EncodedLevel>, Error> {
-    levels.par_iter().map(|level| EncodedLevel::new(model, level, binding)).collect()
+fn encode(
+    model: &Model,
+    levels: &[Level],
+    binding: Option<&Binding>,
+    narrowed: &[Option<Binding>],
+) -> Result<Vec<EncodedLevel>, Error> {
+    let own = levels.par_iter().zip(narrowed).map(|(level, own)| (level, own.as_ref().or(binding)));
+    own.map(|(level, binding)| EncodedLevel::new(model, level, binding)).collect()
 }
 
 /// Names the writer in `asset`; copyright and the rest stay.
