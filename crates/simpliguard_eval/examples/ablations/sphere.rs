@@ -36,7 +36,7 @@ pub(crate) fn glb(faces: usize) -> Result<Vec<u8>, Box<dyn Error>> {
         emissive: None,
         format: TextureFormat::Png,
     };
-    let level = Level { budget: faces as u32, error: 0.0, mesh: mesh(faces), material, textures };
+    let level = Level { budget: faces as u32, error: 0.0, mesh: mesh(faces), own_joints: false, material, textures };
     Ok(export_level(&Model::empty("sphere"), &level)?)
 }
 

@@ -13,7 +13,7 @@ use crate::{Arguments, say};
 /// A row: its name, and the settings that make it.
 type Switch = (&'static str, fn(BakeSettings) -> BakeSettings);
 
-const SWITCHES: [Switch; 13] = [
+const SWITCHES: [Switch; 14] = [
     ("all parts", |s| s),
     ("without reconstruction", |s| BakeSettings { candidates: Candidates::Source, ..s }),
     ("without removal of invisible faces", |s| BakeSettings { remove_invisible: false, ..s }),
