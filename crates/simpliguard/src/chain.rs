@@ -155,7 +155,7 @@ pub fn bake(source: &Source<'_>, settings: &BakeSettings, context: &Context<'_>)
     settings.check()?;
     let clock = Clock::default();
     context.report(StageId::Import, None, 0.0);
-    let imported = clock.time(StageId::Import, || gltf::import(source, &Limits::default()));
+    let imported = clock.time(StageId::Import, || gltf::import_in(source, &Limits::default(), context));
     if !settings.enabled {
         // What cannot be read is nobody's concern then, but for a glTF that must be made binary.
         let model = if is_binary(source) { imported.ok() } else { Some(imported?) };
@@ -179,7 +179,7 @@ pub fn bake(source: &Source<'_>, settings: &BakeSettings, context: &Context<'_>)
     let Made { levels, reports, unmet } = make_levels(source, &model, &targets, settings, context, &clock)?;
     context.report(StageId::Export, None, 0.97);
     let options = ExportOptions { source: settings.source, version: PIPELINE_VERSION.to_owned() };
-    let glb = clock.time(StageId::Export, || gltf::export(&model, &levels, &options))?;
+    let glb = clock.time(StageId::Export, || gltf::export_in(&model, &levels, &options, context))?;
     context.report(StageId::Export, None, 1.0);
     let report = Report {
         status: Status::Baked,
@@ -245,7 +245,8 @@ fn make_levels(
     let hash = content_hash(source.bytes);
     let seed = hash.as_bytes()[..8].iter().fold(0u64, |seed, &byte| seed << 8 | u64::from(byte));
     let sampler = SurfaceSampler::new(model);
-    let poses = Poses::of(model, settings.poses as usize, posed_views(settings));
+    let poses = Poses::of(model, settings.poses as usize, posed_views(settings), &context.cancellation);
+    context.check(&model.name)?;
     let ((bvh, solid), views) = rayon::join(
         || {
             clock
@@ -266,6 +267,7 @@ fn make_levels(
         views: &views,
         poses: poses.as_ref(),
         importance: importance.as_ref(),
+        cancellation: &context.cancellation,
     };
     let budgets = targets.budgets();
     let planes = shape::JointPlanes {

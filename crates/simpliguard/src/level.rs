@@ -63,7 +63,9 @@ pub(crate) fn make_level(
     let params = UnwrapParams { size: size as u32, gutter: settings.gutter };
     context.report(StageId::Unwrap, Some(number as usize), 0.4);
     let key = context.key(|| atlas_key(&shape.mesh, &params));
-    let atlas = clock.time(StageId::Unwrap, || context.stored(key, || Ok(unwrap(&shape.mesh, None, &params))))?;
+    let unwrap = || Ok(unwrap(&shape.mesh, None, &params, &context.cancellation));
+    let atlas = clock.time(StageId::Unwrap, || context.stored(key, unwrap))?;
+    context.check(&model.name)?;
     context.report(StageId::Rig, Some(number as usize), 0.42);
     let influences = clock.time(StageId::Rig, || influences(shared, &shape.mesh));
     let fitted = fit(shared, &atlas, size, shape, influences, number, budget)?;
@@ -77,6 +79,7 @@ pub(crate) fn make_level(
     context.report(StageId::Texture, Some(number as usize), 0.85);
     let samples = clock.time(StageId::Texture, || canvas.bake(&mesh, shape.cards.as_ref()));
     let (low, psnr) = clock.time(StageId::Refine, || canvas.finish(low, &samples, alpha));
+    context.check(&model.name)?;
     // The differentiable renderer does not see through a cut-out.
     let refined = (!alpha).then_some(Refined { psnr, ..refined });
 
@@ -142,6 +145,7 @@ fn fit(
         let low = low.with_motions(motions(shared, &influences));
         (low, alpha, if alpha { None } else { small.smoothness(&samples) })
     });
+    context.check(&model.name)?;
     context.report(StageId::Refine, Some(number as usize), 0.5);
     let params = refine::Params {
         // A cut-out's outline is in its texture, not at its vertices.
@@ -195,8 +199,10 @@ impl<'a> Canvas<'a> {
     }
 
     fn bake(&self, mesh: &TriMesh, cards: Option<&Cards>) -> Vec<Option<SurfaceSample>> {
-        let Shared { sampler, bvh, frame, .. } = self.shared;
-        let mut samples = texture::bake(sampler, bvh, frame, mesh, self.atlas, &self.texels, self.size, cards);
+        let Shared { sampler, bvh, frame, context, .. } = self.shared;
+        let cancellation = &context.cancellation;
+        let mut samples =
+            texture::bake(sampler, bvh, frame, mesh, self.atlas, &self.texels, self.size, cards, cancellation);
         if let Some(cards) = cards {
             let surface = &self.shared.model.surface;
             let source = TriMesh { positions: surface.positions.clone(), triangles: surface.triangles.clone() };
@@ -216,7 +222,7 @@ impl<'a> Canvas<'a> {
         let mut low = low.retextured(self.atlas, self.size, texels, covered);
         // What lies behind a cut-out shows through it: its pixels say little about its own texture.
         let smoothness = if alpha { None } else { self.smoothness(samples) };
-        let psnr = refine::fit_texture(&mut low, &self.shared.views, smoothness);
+        let psnr = refine::fit_texture(&mut low, &self.shared.views, smoothness, &self.shared.context.cancellation);
         (low, psnr)
     }
 }

@@ -11,7 +11,7 @@ use super::loss::{Loss, squared_error};
 use super::regularise::Laplacian;
 use super::{LowPoly, Skin, solve_texture};
 use crate::render::{Picture, Random, Rect, View};
-use crate::{Context, Error};
+use crate::{Cancellation, Context, Error};
 
 /// Views a step.
 const BATCH: usize = 2;
@@ -70,7 +70,7 @@ pub fn refine(
     asset: &str,
     context: &Context<'_>,
 ) -> Result<Refined, Error> {
-    let split = Split::new(views);
+    let split = Split::new(views, &context.cancellation);
     let mut refined = Refined { psnr_initial: split.judge(low), ..Refined::default() };
     let initial = low.texels.clone();
     split.solve(low, params.smoothness);
@@ -87,8 +87,8 @@ pub fn refine(
 }
 
 /// Fits the texture alone, if that gains anything; returns the PSNR over the views held out, in dB.
-pub fn fit_texture(low: &mut LowPoly, views: &[View], smoothness: Option<f32>) -> f32 {
-    let split = Split::new(views);
+pub fn fit_texture(low: &mut LowPoly, views: &[View], smoothness: Option<f32>, cancellation: &Cancellation) -> f32 {
+    let split = Split::new(views, cancellation);
     let before = split.judge(low);
     let initial = low.texels.clone();
     split.solve(low, smoothness);
@@ -105,22 +105,25 @@ struct Split<'a> {
     fitted_rects: Vec<Rect>,
     held_out: Vec<&'a View>,
     held_out_rects: Vec<Rect>,
+    cancellation: &'a Cancellation,
 }
 
 impl<'a> Split<'a> {
-    fn new(views: &'a [View]) -> Self {
+    fn new(views: &'a [View], cancellation: &'a Cancellation) -> Self {
         let pick = |held: bool| -> Vec<&View> {
             let chosen = views.iter().enumerate().filter(|(i, _)| (i % HELD_OUT == HELD_OUT / 2) == held);
             chosen.map(|(_, v)| v).collect()
         };
         let (fitted, held_out) = (pick(false), pick(true));
         let rects = |views: &[&View]| views.iter().map(|v| covered_rect(&v.picture)).collect();
-        Self { fitted_rects: rects(&fitted), held_out_rects: rects(&held_out), fitted, held_out }
+        let (fitted_rects, held_out_rects) = (rects(&fitted), rects(&held_out));
+        Self { fitted, fitted_rects, held_out, held_out_rects, cancellation }
     }
 
     fn solve(&self, low: &mut LowPoly, smoothness: Option<f32>) {
         if let Some(smoothness) = smoothness {
-            solve_texture(low, &self.fitted, &self.fitted_rects, smoothness, SOLVE_ITERATIONS);
+            let (views, rects) = (&self.fitted, &self.fitted_rects);
+            solve_texture(low, views, rects, smoothness, SOLVE_ITERATIONS, self.cancellation);
         }
     }
 

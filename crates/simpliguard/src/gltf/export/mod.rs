@@ -38,7 +38,7 @@ use self::level::EncodedLevel;
 use self::skin::Binding;
 use crate::model::{Level, Model};
 use crate::settings::SourceGeometry;
-use crate::{Error, StageId};
+use crate::{Context, Error, StageId};
 
 /// How levels are written.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -61,8 +61,19 @@ impl Default for ExportOptions {
 /// [`Error::Invalid`] for a level whose arrays do not fit together, or that hangs on more than 256 joints of several
 /// skins; [`Error::Limit`] above 4 GiB.
 pub fn export(model: &Model, levels: &[Level], options: &ExportOptions) -> Result<Vec<u8>, Error> {
+    export_in(model, levels, options, &Context::default())
+}
+
+/// As [`export`], within a bake that may be cancelled.
+pub(crate) fn export_in(
+    model: &Model,
+    levels: &[Level],
+    options: &ExportOptions,
+    context: &Context<'_>,
+) -> Result<Vec<u8>, Error> {
     let binding = Binding::new(model, levels)?;
-    let encoded = encode(model, levels, binding.as_ref())?;
+    let encode = |level| EncodedLevel::new(model, level, binding.as_ref(), context);
+    let encoded = levels.par_iter().map(encode).collect::<Result<Vec<_>, _>>()?;
     let mut out = embed::embed(model)?;
     stamp(&mut out, &options.version);
     let old_levels = hierarchy::remove_lods(&mut out);
@@ -122,7 +133,7 @@ pub fn export(model: &Model, levels: &[Level], options: &ExportOptions) -> Resul
 pub fn export_level(model: &Model, level: &Level) -> Result<Vec<u8>, Error> {
     let levels = std::slice::from_ref(level);
     let binding = Binding::new(model, levels)?;
-    let encoded = EncodedLevel::new(model, level, binding.as_ref())?;
+    let encoded = EncodedLevel::new(model, level, binding.as_ref(), &Context::default())?;
     let mut out = embed::embed(model)?;
     stamp(&mut out, &ExportOptions::default().version);
     hierarchy::remove_lods(&mut out);
@@ -244,10 +255,6 @@ fn level_node(name: &str, mesh: usize, skin: Option<usize>) -> Value {
         node["skin"] = json!(skin);
     }
     node
-}
-
-fn encode(model: &Model, levels: &[Level], binding: Option<&Binding>) -> Result<Vec<EncodedLevel>, Error> {
-    levels.par_iter().map(|level| EncodedLevel::new(model, level, binding)).collect()
 }
 
 /// Names the writer in `asset`; copyright and the rest stay.
