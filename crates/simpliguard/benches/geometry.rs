@@ -11,6 +11,7 @@ use simpliguard::model::{Material, Model, Surface};
 use simpliguard::reconstruct::{Params, reconstruct};
 use simpliguard::render::{Frame, SurfaceSampler, take_views, viewpoints};
 use simpliguard::rig::Donor;
+use simpliguard::settings::BakeSettings;
 use simpliguard::{Bvh, Cancellation, Context, NoResources, Source, gltf, shape};
 
 /// Faces left by each collapse.
@@ -93,17 +94,7 @@ fn shape_of(bencher: Bencher<'_, '_>, model: &Model) {
     let surface = &model.surface;
     let (frame, sampler) = (Frame::around(&surface.positions), SurfaceSampler::new(model));
     let views = take_views(&sampler, &viewpoints(&frame, 48, 1), 512);
-    let params = shape::Params {
-        budgets: vec![1000, 2000, 4000],
-        reconstructions: vec![Params::new(128), Params::new(256), Params::thick(128)],
-        finer: Some(Params::new(384)),
-        source: true,
-        cards: true,
-        remove_invisible: true,
-        visible_weight: 0.9,
-        curvature: 0.0,
-        joint_planes: shape::JointPlanes::default(),
-    };
+    let params = shape::Params::new(&BakeSettings::default(), &[1000, 2000, 4000]);
     bencher.counter(ItemsCount::new(surface.triangles.len())).bench_local(|| {
         let bvh = Bvh::new(&surface.positions, &surface.triangles);
         let (solid, donor) = (shape::Solid::of(&sampler), Donor::new(model, &bvh));
@@ -112,6 +103,7 @@ fn shape_of(bencher: Bencher<'_, '_>, model: &Model) {
             bvh: &bvh,
             donor: &donor,
             solid: &solid,
+            gauge: &shape::Gauge::new(&solid),
             frame,
             views: &views,
             poses: None,

@@ -10,12 +10,12 @@ use crate::mesh::{Topology, TriMesh, self_intersecting};
 use crate::model::{Level, Model, SMALLEST_EXTENT};
 use crate::objects::{content_key, shapes_key};
 use crate::refine::Refined;
-use crate::render::{Frame, SurfaceSampler, View, take_posed_views, take_views, viewpoints};
+use crate::render::{Frame, SurfaceSampler, View, halve_views, take_posed_views, take_views, viewpoints};
 use crate::rig::{self, Donor, Poses};
-use crate::settings::{BakeSettings, Candidates, ExistingLods, JointPlanes, MorphTargets, Resolution};
+use crate::settings::{BakeSettings, ExistingLods, JointPlanes, MorphTargets};
 use crate::shape::{self, Deviation};
 use crate::targets::Targets;
-use crate::{Bvh, Context, Error, Source, StageId, content_hash, reconstruct};
+use crate::{Bvh, Context, Error, Source, StageId, content_hash};
 
 /// Part of every cache key: raised whenever the output of any stage changes for equal input and settings.
 pub const PIPELINE_VERSION: &str = "3";
@@ -114,6 +114,10 @@ pub struct LevelReport {
     pub charts: u32,
     /// Part of the atlas that charts cover.
     pub fill: f32,
+    /// L2 stretch of the atlas (Sander et al. 2001) relative to each chart's mean texel density: 1 if lengths are kept.
+    pub stretch: f32,
+    /// L-infinity stretch: how many times longer than by its chart's mean density a texel is on the surface, at worst.
+    pub worst_stretch: f32,
     /// What refinement gained, in dB over held-out views; `None` for a cut-out, which is not refined.
     pub refined: Option<Refined>,
 }
@@ -254,15 +258,18 @@ fn make_levels(
         },
         || clock.time(StageId::Refine, || views_of(&sampler, &frame, poses.as_ref(), seed, settings, context)),
     );
+    let halves = clock.time(StageId::Refine, || halves_of(&sampler, &views, poses.as_ref(), settings));
     context.check(&model.name)?;
     context.report(StageId::Shape, None, 0.15);
     let donor = Donor::new(model, &bvh);
     let importance = shape::Importance::of(model, settings)?;
+    let gauge = clock.time(StageId::Shape, || shape::Gauge::new(&solid));
     let inputs = shape::Inputs {
         model,
         bvh: &bvh,
         donor: &donor,
         solid: &solid,
+        gauge: &gauge,
         frame,
         views: &views,
         poses: poses.as_ref(),
@@ -274,7 +281,7 @@ fn make_levels(
         planes: joint_planes(model, settings),
         split: settings.joint_planes == JointPlanes::BeforeUnwrap,
     };
-    let params = shape::Params { joint_planes: planes.clone(), ..shape_params(settings, &budgets) };
+    let params = shape::Params { joint_planes: planes.clone(), ..shape::Params::new(settings, &budgets) };
     let content = context.key(|| content_key(source, model));
     let shapes = clock.time(StageId::Shape, || {
         let key = content.map(|content| shapes_key(&content, settings));
@@ -287,8 +294,10 @@ fn make_levels(
         sampler,
         bvh: &bvh,
         donor: &donor,
+        gauge: &gauge,
         frame,
         views,
+        halves,
         poses,
         planes,
         seed,
@@ -301,7 +310,7 @@ fn make_levels(
     let made: Result<Vec<_>, Error> = chosen
         .par_iter()
         .enumerate()
-        .map(|(i, &c)| make_level(&shared, i as u32 + 1, budgets[c], &shapes[c], &deviations[c]))
+        .map(|(i, &c)| make_level(&shared, i as u32 + 1, budgets[c], &shapes[c]))
         .collect();
     let (levels, reports) = made?.into_iter().unzip();
     Ok(Made { levels, reports, unmet })
@@ -340,6 +349,20 @@ fn views_of(
     views
 }
 
+/// The views at half the size that vertices are moved by, if they are.
+fn halves_of(
+    sampler: &SurfaceSampler<'_>,
+    views: &[View],
+    poses: Option<&Poses<'_>>,
+    settings: &BakeSettings,
+) -> Vec<View> {
+    if !settings.refine || settings.coarse_steps * (settings.refine_steps as f32) < 1.0 {
+        return Vec::new();
+    }
+    let posed = |pose: usize| poses.map_or_else(Vec::new, |poses| poses.source_in(pose));
+    halve_views(sampler, views, posed, settings.shading_weight > 0.0)
+}
+
 /// What is said of morph targets that levels leave out.
 fn dropped_morphs(model: &Model, settings: &BakeSettings) -> Option<String> {
     let morphs = model.surface.morphs.as_ref().filter(|_| settings.morph_targets == MorphTargets::Drop)?;
@@ -351,30 +374,6 @@ fn joint_planes(model: &Model, settings: &BakeSettings) -> Vec<rig::JointPlane> 
     match settings.joint_planes {
         JointPlanes::Off => Vec::new(),
         JointPlanes::BeforeUnwrap | JointPlanes::AfterRefine => rig::joint_planes(model, settings.joint_delta),
-    }
-}
-
-fn shape_params(settings: &BakeSettings, budgets: &[u32]) -> shape::Params {
-    let reconstructions = match (settings.candidates, settings.resolution) {
-        (Candidates::Source, _) => Vec::new(),
-        // Fine for large budgets, coarse for small ones, thick where parts lie close together.
-        (_, Resolution::Auto) => {
-            vec![reconstruct::Params::new(128), reconstruct::Params::new(256), reconstruct::Params::thick(128)]
-        }
-        (_, Resolution::Cells(n)) => vec![reconstruct::Params::new(n)],
-    };
-    shape::Params {
-        budgets: budgets.to_vec(),
-        finer: (settings.resolution == Resolution::Auto && !reconstructions.is_empty())
-            .then(|| reconstruct::Params::new(384)),
-        reconstructions,
-        // The source's own triangles need not be closed.
-        source: settings.candidates != Candidates::Reconstruction && !settings.watertight,
-        cards: settings.candidates == Candidates::All && !settings.watertight,
-        remove_invisible: settings.remove_invisible && !settings.watertight,
-        visible_weight: f64::from(settings.visible_weight),
-        curvature: f64::from(settings.curvature),
-        joint_planes: shape::JointPlanes::default(),
     }
 }
 

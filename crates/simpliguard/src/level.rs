@@ -8,19 +8,19 @@ use crate::clock::Clock;
 use crate::mesh::TriMesh;
 use crate::model::{Influences, Level, Model, linear_to_srgb};
 use crate::objects::{atlas_key, descent_key};
-use crate::refine::{self, LowPoly, Refined, Skin};
+use crate::refine::{self, LowPoly, Refined, Skin, Solver, TextureDescent, TextureFit};
 use crate::render::{Frame, Motions, SurfaceSample, SurfaceSampler, View};
-use crate::rig::{self, Donor, Poses, Split, Transfer};
-use crate::settings::{BakeSettings, MorphTargets, SkinTransfer};
-use crate::shape::{Cards, Deviation, JointPlanes, Road, Shape};
+use crate::rig::{self, Donor, Poses, Split, StandIns, Transfer};
+use crate::settings::{BakeSettings, InitialTexture, MorphTargets, SkinTransfer, TextureSolver};
+use crate::shape::{Cards, Gauge, JointPlanes, Road, Shape};
 use crate::texture::{self, Channels, Texel};
 use crate::unwrap::{Atlas, UnwrapParams, unwrap};
 use crate::{Bvh, Context, Error, Key, StageId};
 
 /// Largest texture during descent: a view resolves no more, and the last solution is at full size.
 const FITTED_SIZE: usize = 512;
-/// Vertex steps between two solutions of the texture.
-const RESOLVE_EVERY: u32 = 50;
+/// Encoded grey of a texture that has not been made.
+const GREY: Vec4 = Vec4::new(0.5, 0.5, 0.5, 1.0);
 
 /// What all levels share.
 pub(crate) struct Shared<'a> {
@@ -28,8 +28,11 @@ pub(crate) struct Shared<'a> {
     pub(crate) sampler: SurfaceSampler<'a>,
     pub(crate) bvh: &'a Bvh,
     pub(crate) donor: &'a Donor<'a>,
+    pub(crate) gauge: &'a Gauge<'a>,
     pub(crate) frame: Frame,
     pub(crate) views: Vec<View>,
+    /// The same at half the size, or none.
+    pub(crate) halves: Vec<View>,
     pub(crate) poses: Option<Poses<'a>>,
     pub(crate) planes: JointPlanes,
     pub(crate) seed: u64,
@@ -54,7 +57,6 @@ pub(crate) fn make_level(
     number: u32,
     budget: u32,
     shape: &Shape,
-    deviation: &Deviation,
 ) -> Result<(Level, LevelReport), Error> {
     let Shared { model, settings, context, clock, .. } = *shared;
     context.check(&model.name)?;
@@ -68,8 +70,12 @@ pub(crate) fn make_level(
     context.check(&model.name)?;
     context.report(StageId::Rig, Some(number as usize), 0.42);
     let influences = clock.time(StageId::Rig, || influences(shared, &shape.mesh));
-    let fitted = fit(shared, &atlas, size, shape, influences, number, budget)?;
-    let (Fitted { low, influences, refined, alpha }, atlas) = match shape.cards {
+    let still = shape.cards.is_some() || !settings.refine || settings.refine_steps == 0;
+    let fitted = match still {
+        true => Fitted::unmoved(shared, &atlas, shape, influences),
+        false => fit(shared, &atlas, size, shape, influences, number, budget)?,
+    };
+    let (Fitted { mut low, influences, refined }, atlas) = match shape.cards {
         Some(_) => (fitted, atlas),
         None => split_at_joints(shared, fitted, atlas, budget),
     };
@@ -78,14 +84,17 @@ pub(crate) fn make_level(
     context.check(&model.name)?;
     context.report(StageId::Texture, Some(number as usize), 0.85);
     let samples = clock.time(StageId::Texture, || canvas.bake(&mesh, shape.cards.as_ref()));
-    let (low, psnr) = clock.time(StageId::Refine, || canvas.finish(low, &samples, alpha));
+    context.check(&model.name)?;
+    let alpha = refined.is_none() && is_cut_out(shape, &samples);
+    low.double_sided |= alpha;
+    let (low, fit) = clock.time(StageId::Refine, || canvas.finish(low, &samples, alpha));
     context.check(&model.name)?;
     // The differentiable renderer does not see through a cut-out.
-    let refined = (!alpha).then_some(Refined { psnr, ..refined });
+    let refined = (!alpha).then_some(Refined { psnr: fit.psnr, ..refined.unwrap_or(fit) });
 
     let unlit = model.materials.iter().all(|m| m.unlit);
     let channels = Channels { normal: settings.normal_map && !unlit, alpha, format: settings.texture_format };
-    let topology = LevelTopology::of(&mesh);
+    let (topology, deviation) = (LevelTopology::of(&mesh), shared.gauge.measure(&mesh));
     let (mesh, textures, material) = clock.time(StageId::Texture, || {
         let morphs = match settings.morph_targets {
             MorphTargets::Transfer => rig::transfer_morphs(shared.donor, &mesh),
@@ -104,25 +113,45 @@ pub(crate) fn make_level(
             .then(|| "small parts vanish several faces at a time, and the next would be one too many".to_owned()),
         candidate: shape.road.to_string(),
         error: deviation.percentile_95,
-        deviation: *deviation,
+        deviation,
         topology,
         charts: atlas.charts as u32,
         fill: atlas.fill,
+        stretch: atlas.stretch,
+        worst_stretch: atlas.worst_stretch,
         refined,
     };
-    Ok((Level { budget, error: deviation.percentile_95, mesh, material, textures }, report))
+    Ok((
+        Level {
+            budget,
+            error: deviation.percentile_95,
+            mesh,
+            own_joints: settings.bone_faces > 0.0,
+            material,
+            textures,
+        },
+        report,
+    ))
 }
 
 /// A level's mesh with its vertices where they stay.
 struct Fitted {
     low: LowPoly,
     influences: Vec<Influences>,
-    refined: Refined,
-    /// It is a cut-out.
-    alpha: bool,
+    /// What descent gained, unless there was none.
+    refined: Option<Refined>,
 }
 
-/// Descends on the vertices with a texture of at most [`FITTED_SIZE`].
+impl Fitted {
+    /// The shape as it is, without a texture.
+    fn unmoved(shared: &Shared<'_>, atlas: &Atlas, shape: &Shape, influences: Vec<Influences>) -> Self {
+        let low = LowPoly::new(&shape.mesh, atlas, shape.double_sided, 1, Vec::new(), Vec::new());
+        Self { low: low.with_motions(motions(shared, &influences)), influences, refined: None }
+    }
+}
+
+/// Descends on the vertices with a texture of at most [`FITTED_SIZE`]. A cut-out's stay where
+/// they are: its outline is in its texture.
 fn fit(
     shared: &Shared<'_>,
     atlas: &Atlas,
@@ -136,23 +165,30 @@ fn fit(
     let small = Canvas::new(shared, atlas, size.min(FITTED_SIZE));
     context.check(&model.name)?;
     context.report(StageId::Texture, Some(number as usize), 0.45);
-    let (mut low, alpha, smoothness) = clock.time(StageId::Texture, || {
-        let samples = small.bake(&shape.mesh, shape.cards.as_ref());
-        let alpha = is_cut_out(shape, &samples);
-        let (texels, covered) = initial_texture(&samples, small.size, alpha);
-        let double_sided = shape.double_sided || alpha;
-        let low = LowPoly::new(&shape.mesh, atlas, double_sided, small.size, texels, covered);
-        let low = low.with_motions(motions(shared, &influences));
-        (low, alpha, if alpha { None } else { small.smoothness(&samples) })
+    let textured = clock.time(StageId::Texture, || {
+        let samples = small.bake(&shape.mesh, None);
+        if is_cut_out(shape, &samples) {
+            return None;
+        }
+        let (texels, covered) = small.initial_texture(&samples, false);
+        let low = LowPoly::new(&shape.mesh, atlas, shape.double_sided, small.size, texels, covered);
+        let low = if settings.shading_weight > 0.0 { low.with_normals(small.normals(&samples)) } else { low };
+        Some((low.with_motions(motions(shared, &influences)), small.texture_fit(&samples, false)))
     });
     context.check(&model.name)?;
+    let Some((mut low, texture)) = textured else { return Ok(Fitted::unmoved(shared, atlas, shape, influences)) };
     context.report(StageId::Refine, Some(number as usize), 0.5);
     let params = refine::Params {
         // A cut-out's outline is in its texture, not at its vertices.
-        steps: if alpha { 0 } else { settings.refine_steps },
+        steps: settings.refine_steps,
+        coarse: settings.coarse_steps,
         step_length: settings.step_length,
-        smoothness,
-        resolve_every: RESOLVE_EVERY,
+        texture,
+        gradient_weight: settings.gradient_weight,
+        laplacian_weight: settings.laplacian_weight,
+        distance_weight: settings.distance_weight,
+        normal_weight: settings.normal_weight,
+        shading_weight: settings.shading_weight,
         seed: shared.seed ^ u64::from(budget),
     };
     let key = shared.content.map(|content| descent_key(&content, settings, budget));
@@ -161,15 +197,20 @@ fn fit(
             let mut low = low.clone();
             let poses = shared.poses.as_ref().filter(|_| settings.refine_weights);
             let mut skin = poses.map(|poses| Skin::new(poses, influences.clone()));
-            let (views, radius) = (&shared.views, shared.frame.radius);
-            let refined = refine::refine(&mut low, skin.as_mut(), views, radius, &params, &model.name, context)?;
+            let target = refine::Target {
+                views: &shared.views,
+                halves: &shared.halves,
+                bvh: shared.bvh,
+                radius: shared.frame.radius,
+            };
+            let refined = refine::refine(&mut low, skin.as_mut(), &target, &params, &model.name, context)?;
             let influences = skin.map_or_else(|| influences.clone(), Skin::into_influences);
             Ok((low.positions, (influences, refined)))
         })
     })?;
     low.positions = positions;
     let low = low.with_motions(motions(shared, &influences));
-    Ok(Fitted { low, influences, refined, alpha })
+    Ok(Fitted { low, influences, refined: Some(refined) })
 }
 
 /// Splits the faces along the joint planes, if that comes last: their parts keep their place in the atlas.
@@ -178,7 +219,7 @@ fn split_at_joints(shared: &Shared<'_>, fitted: Fitted, atlas: Atlas, budget: u3
     if *done || planes.is_empty() {
         return (fitted, atlas);
     }
-    let Fitted { low, mut influences, refined, alpha } = fitted;
+    let Fitted { low, mut influences, refined } = fitted;
     let Split { mesh, parts, .. } = rig::split_along(shared.model, &low.mesh(), &influences, planes, budget as usize);
     influences.extend(self::influences(shared, &mesh).into_iter().skip(influences.len()));
     let uvs = parts.iter().map(|(face, places)| {
@@ -190,7 +231,7 @@ fn split_at_joints(shared: &Shared<'_>, fitted: Fitted, atlas: Atlas, budget: u3
     let atlas = Atlas { uvs, chart, ..atlas };
     let low = LowPoly::new(&mesh, &atlas, low.double_sided, low.size, low.texels, low.covered)
         .with_motions(motions(shared, &influences));
-    (Fitted { low, influences, refined, alpha }, atlas)
+    (Fitted { low, influences, refined }, atlas)
 }
 
 impl<'a> Canvas<'a> {
@@ -211,19 +252,53 @@ impl<'a> Canvas<'a> {
         samples
     }
 
-    /// How the texture is to be solved: not at all if it has one colour.
-    fn smoothness(&self, samples: &[Option<SurfaceSample>]) -> Option<f32> {
-        (!is_uniform(samples)).then_some(self.shared.settings.texture_smoothness)
+    /// How the texture is to be fitted: not at all if what was baked has one colour. What lies behind a cut-out shows through
+    /// it: its pixels say little about its own texture.
+    fn texture_fit(&self, samples: &[Option<SurfaceSample>], alpha: bool) -> Option<TextureFit> {
+        let settings = self.shared.settings;
+        let baked = settings.initial_texture == InitialTexture::Baked;
+        let wanted = settings.refine && !alpha && !(baked && is_uniform(samples));
+        let descent = || TextureDescent { steps: settings.texture_steps, gradient_weight: settings.gradient_weight };
+        let solver = match settings.texture_solver {
+            TextureSolver::LeastSquares => Solver::LeastSquares,
+            TextureSolver::Adam => Solver::Adam(descent()),
+        };
+        wanted.then_some(TextureFit { smoothness: settings.texture_smoothness, solver })
     }
 
-    /// The texture at full size: baked anew on the final vertices, then fitted to the views, unless it has one colour.
-    fn finish(&self, low: LowPoly, samples: &[Option<SurfaceSample>], alpha: bool) -> (LowPoly, f32) {
-        let (texels, covered) = initial_texture(samples, self.size, alpha);
+    /// Encoded colours with their gutters, and which texels a triangle covers.
+    fn initial_texture(&self, samples: &[Option<SurfaceSample>], alpha: bool) -> (Vec<Vec4>, Vec<bool>) {
+        let covered: Vec<bool> = samples.iter().map(Option::is_some).collect();
+        if self.shared.settings.initial_texture == InitialTexture::Grey && !alpha {
+            return (vec![GREY; samples.len()], covered);
+        }
+        let encoded = |s: &SurfaceSample| s.base_color.truncate().map(linear_to_srgb).extend(1.0);
+        let mut texels: Vec<Vec4> =
+            samples.par_iter().with_min_len(4096).map(|s| s.as_ref().map_or(Vec4::ZERO, encoded)).collect();
+        // Clear texels of a cut-out take the colour of their neighbours, which filtering mixes in.
+        let known = |s: &Option<SurfaceSample>| s.as_ref().is_some_and(|s| !alpha || s.base_color.w >= 0.5);
+        let known: Vec<bool> = samples.iter().map(known).collect();
+        texture::fill(&mut texels, &known, self.size);
+        (texels, covered)
+    }
+
+    /// The source's normals as fractions of full scale, with their gutters.
+    fn normals(&self, samples: &[Option<SurfaceSample>]) -> Vec<Vec4> {
+        let known: Vec<bool> = samples.iter().map(Option::is_some).collect();
+        let normal = |s: &Option<SurfaceSample>| s.as_ref().map_or(Vec4::ZERO, |s| (s.normal * 0.5 + 0.5).extend(1.0));
+        let mut normals: Vec<Vec4> = samples.iter().map(normal).collect();
+        texture::fill(&mut normals, &known, self.size);
+        normals
+    }
+
+    /// The texture at full size: baked anew on the final vertices, then fitted to the views.
+    fn finish(&self, low: LowPoly, samples: &[Option<SurfaceSample>], alpha: bool) -> (LowPoly, Refined) {
+        let (texels, covered) = self.initial_texture(samples, alpha);
         let mut low = low.retextured(self.atlas, self.size, texels, covered);
-        // What lies behind a cut-out shows through it: its pixels say little about its own texture.
-        let smoothness = if alpha { None } else { self.smoothness(samples) };
-        let psnr = refine::fit_texture(&mut low, &self.shared.views, smoothness, &self.shared.context.cancellation);
-        (low, psnr)
+        let fit = self.texture_fit(samples, alpha);
+        let Shared { views, context, .. } = self.shared;
+        let refined = refine::fit_texture(&mut low, views, fit.as_ref(), &context.cancellation);
+        (low, refined)
     }
 }
 
@@ -236,7 +311,15 @@ fn influences(shared: &Shared<'_>, mesh: &TriMesh) -> Vec<Influences> {
         SkinTransfer::ClosestSurface => Transfer::default(),
         SkinTransfer::NearestVertices => Transfer::NearestVertices { k: 4 },
     };
-    rig::transfer(shared.donor, mesh, &mesh.vertex_normals(), method).0
+    let (mut influences, _) = rig::transfer(shared.donor, mesh, &mesh.vertex_normals(), method);
+    let faces = mesh.triangles.len();
+    if let Some(stand_ins) = StandIns::of(shared.model, faces, shared.settings.bone_faces) {
+        stand_ins.fold(&mut influences);
+    }
+    match &shared.poses {
+        Some(poses) if shared.settings.refine_weights => rig::fit(shared.donor, poses, mesh, influences),
+        _ => influences,
+    }
 }
 
 /// Levels of at most 1,000 faces are seen from afar: half the texture is enough.
@@ -251,19 +334,6 @@ fn is_cut_out(shape: &Shape, samples: &[Option<SurfaceSample>]) -> bool {
     }
     let clear = samples.iter().flatten().filter(|s| s.base_color.w < 0.5).count();
     shape.road == Road::Source && 20 * clear > samples.iter().flatten().count()
-}
-
-/// Encoded colours with their gutters, and which texels a triangle covers.
-fn initial_texture(samples: &[Option<SurfaceSample>], size: usize, alpha: bool) -> (Vec<Vec4>, Vec<bool>) {
-    let covered: Vec<bool> = samples.iter().map(Option::is_some).collect();
-    let encoded = |s: &SurfaceSample| s.base_color.truncate().map(linear_to_srgb).extend(1.0);
-    let mut texels: Vec<Vec4> =
-        samples.par_iter().with_min_len(4096).map(|s| s.as_ref().map_or(Vec4::ZERO, encoded)).collect();
-    // Clear texels of a cut-out take the colour of their neighbours, which filtering mixes in.
-    let known = |s: &Option<SurfaceSample>| s.as_ref().is_some_and(|s| !alpha || s.base_color.w >= 0.5);
-    let known: Vec<bool> = samples.iter().map(known).collect();
-    texture::fill(&mut texels, &known, size);
-    (texels, covered)
 }
 
 /// Whether every texel has the same base colour, to half a step of eight bits.

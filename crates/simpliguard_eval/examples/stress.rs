@@ -1,7 +1,7 @@
 //! Bends every hinge of characters, with and without joint planes, and prints what is lost.
 //!
 //! ```text
-//! cargo run --release -p simpliguard_eval --example stress -- [--faces N] [--angle DEGREES] [--sheet PNG] FILE.glb...
+//! cargo run --release -p simpliguard_eval --example stress -- [--faces N] [--poses N] [--angle DEGREES] [--sheet PNG] FILE.glb...
 //! ```
 
 use std::error::Error;
@@ -11,6 +11,7 @@ use image::{Rgb, RgbImage, imageops};
 use simpliguard::mesh::TriMesh;
 use simpliguard::model::{Level, Model};
 use simpliguard::render::{Camera, Frame, Light, Renderer, SurfaceSampler};
+use simpliguard::rig::Joints;
 use simpliguard::settings::{BakeSettings, JointPlanes};
 use simpliguard::{Context, NoResources, Source, bake};
 use simpliguard_eval::stress::{Bend, Hinge, bends, bent, hinges};
@@ -19,9 +20,13 @@ use simpliguard_eval::stress::{Bend, Hinge, bends, bent, hinges};
 const TILE: usize = 320;
 /// Hinges in the picture: those at which the levels differ most.
 const SHOWN: usize = 6;
+/// Half of what a picture shows, in radii of the bend.
+const VIEW: f32 = 4.0;
 
 struct Arguments {
     faces: u32,
+    /// Of clips that the levels are fitted to; what the settings say unless given.
+    poses: Option<u32>,
     /// In radians.
     angle: f32,
     sheet: Option<PathBuf>,
@@ -29,12 +34,14 @@ struct Arguments {
 }
 
 fn arguments() -> Result<Arguments, Box<dyn Error>> {
-    let mut out = Arguments { faces: 1000, angle: std::f32::consts::FRAC_PI_2, sheet: None, files: Vec::new() };
+    let mut out =
+        Arguments { faces: 1000, poses: None, angle: std::f32::consts::FRAC_PI_2, sheet: None, files: Vec::new() };
     let mut words = std::env::args().skip(1);
     while let Some(word) = words.next() {
         let mut value = || words.next().ok_or_else(|| format!("{word} needs a value"));
         match word.as_str() {
             "--faces" => out.faces = value()?.parse()?,
+            "--poses" => out.poses = Some(value()?.parse()?),
             "--angle" => out.angle = value()?.parse::<f32>()?.to_radians(),
             "--sheet" => out.sheet = Some(value()?.into()),
             _ => out.files.push(word.into()),
@@ -49,7 +56,7 @@ fn arguments() -> Result<Arguments, Box<dyn Error>> {
 fn main() -> Result<(), Box<dyn Error>> {
     let arguments = arguments()?;
     say(
-        "| asset | joint planes | faces | hinges | volume lost % (source) | worst % | faces that cross at bends % (source) |",
+        "| asset | joint planes | faces | hinges | volume lost % (source) | worst % | area that crosses at bends % (source) |",
     );
     say("|---|---|---|---|---|---|---|");
     let mut rows = Vec::new();
@@ -74,7 +81,9 @@ fn stress(file: &Path, arguments: &Arguments) -> Result<Vec<RgbImage>, Box<dyn E
     let source = Source { name: &name, bytes: &bytes, resources: &NoResources };
     let mut made: Vec<(Model, Level)> = Vec::new();
     for joint_planes in [JointPlanes::Off, JointPlanes::BeforeUnwrap] {
-        let settings = BakeSettings { faces: vec![arguments.faces], joint_planes, ..BakeSettings::default() };
+        let default = BakeSettings::default();
+        let poses = arguments.poses.unwrap_or(default.poses);
+        let settings = BakeSettings { faces: vec![arguments.faces], poses, joint_planes, ..default };
         let mut baked = bake(&source, &settings, &Context::default())?;
         let (Some(model), Some(level)) = (baked.model, baked.levels.pop()) else {
             return Err(format!("{name} gets no level of {} faces", arguments.faces).into());
@@ -121,11 +130,15 @@ fn row(name: &str, planes: &str, faces: usize, found: &[Bend], source: &[Bend]) 
     )
 }
 
-/// A hinge bent: the source, the level without and the level with joint planes.
+/// A hinge bent, seen along its axis from the side that nothing hides: the source, the level without and the level with
+/// joint planes.
 fn picture(model: &Model, levels: &[&Level], hinge: &Hinge, angle: f32) -> RgbImage {
     let source = bent(model, hinge, angle, &model.surface.positions, &model.surface.influences);
-    let frame = Frame::around(&source);
-    let camera = Camera::orbit(&frame, (hinge.axis + glam::Vec3::new(0.2, 0.3, 0.1)).normalize(), 0.6, 0.9);
+    let whole = Frame::around(&source);
+    let centre = Joints::of(model).map_or(whole.centre, |joints| joints.place(hinge.joint));
+    let side = if hinge.axis.dot(centre - whole.centre) < 0.0 { -hinge.axis } else { hinge.axis };
+    let frame = Frame { centre, radius: whole.radius + centre.distance(whole.centre) };
+    let camera = Camera::orbit(&frame, side, 0.6, VIEW * hinge.radius / frame.radius);
     let mut out = RgbImage::from_pixel((levels.len() as u32 + 1) * TILE as u32, TILE as u32, Rgb([255; 3]));
     let mut draw = |column: usize, model: &Model, positions: &[glam::Vec3]| {
         let sampler = SurfaceSampler::new(model);

@@ -1,8 +1,10 @@
 //! Pictures and figures of baked levels beside their source.
 
 mod sheet;
+mod similarity;
 pub mod stress;
 mod turntable;
 
-pub use sheet::contact_sheet;
+pub use sheet::{contact_sheet, side_by_side};
+pub use similarity::{Similarity, similarity};
 pub use turntable::{TurntableError, turntable};

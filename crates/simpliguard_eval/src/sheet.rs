@@ -34,6 +34,13 @@ pub fn contact_sheet(model: &Model, levels: &[Level]) -> RgbImage {
     lay_out(&columns)
 }
 
+/// A column for each model, with the rows of [`contact_sheet`], all framed as the first.
+pub fn side_by_side(models: &[&Model]) -> RgbImage {
+    let Some(first) = models.first() else { return RgbImage::new(0, 0) };
+    let frame = Frame::around(&first.surface.positions);
+    lay_out(&models.par_iter().map(|model| draw(model, &frame)).collect::<Vec<_>>())
+}
+
 /// Pictures of one size in columns from the left, gaps between them.
 pub(crate) fn lay_out(columns: &[Vec<RgbImage>]) -> RgbImage {
     let (tile_width, tile_height) = columns.first().and_then(|c| c.first()).map_or((0, 0), RgbImage::dimensions);

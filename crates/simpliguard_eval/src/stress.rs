@@ -1,7 +1,10 @@
 //! How far a mesh collapses and passes through itself where its limbs bend (SimpliGuard, Figure 10).
 //!
 //! Every hinge of the rig is turned on its own, everything that hangs on it with it. What lies rigidly on either side of
-//! the hinge encloses as much volume with the hinge's centre as before; what is lost is lost at the bend.
+//! the hinge encloses as much volume with the hinge's centre as before; what is lost is lost at the bend. Hinges too small to
+//! show in a level, such as those of fingers, are left out.
+
+use std::f64::consts::PI;
 
 use glam::{DVec3, Quat, Vec3};
 use rayon::prelude::*;
@@ -11,11 +14,8 @@ use simpliguard::rig::{Joints, Skinning};
 
 /// Weight on either side of a hinge from which on a vertex belongs to the bend.
 const BLENDED: f32 = 0.02;
-/// Fewest vertices of the source at a hinge.
-const FEWEST: usize = 8;
-/// Sine of the angle between the bones at a hinge from which on the limb is bent at rest.
-const BENT: f32 = 0.1;
-
+/// Least part of the source's area at a hinge, and least part of it that a limb has.
+const LEAST_AREA: f64 = 0.005;
 /// One hinge.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Hinge {
@@ -23,37 +23,48 @@ pub struct Hinge {
     pub joint: usize,
     /// What it turns around.
     pub axis: Vec3,
-    /// Volume that the source's surface at the bend encloses with the hinge's centre, in cubic metres.
-    pub volume: f64,
+    /// Mean distance of the source's surface at the bend from the hinge's centre, in metres.
+    pub radius: f32,
 }
 
 /// What becomes of a mesh at one hinge.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Bend {
-    /// Volume lost at the bend, as a part of [`Hinge::volume`]; below zero if it swells.
+    /// Volume lost at the bend, as a part of the ball of [`Hinge::radius`]; below zero if it swells.
     pub volume_loss: f64,
-    /// Part of the faces at the bend that pass through others and did not at rest.
+    /// Part of the area at the bend whose faces pass through others and did not at rest.
     pub crossing: f64,
 }
 
 /// The hinges of a model: joints that hang on another, with a part of the surface between the two.
 pub fn hinges(model: &Model) -> Vec<Hinge> {
     let Some(joints) = Joints::of(model) else { return Vec::new() };
-    let mesh = TriMesh { positions: model.surface.positions.clone(), triangles: model.surface.triangles.clone() };
+    let surface = &model.surface;
+    let mesh = TriMesh { positions: surface.positions.clone(), triangles: surface.triangles.clone() };
+    let least = LEAST_AREA * area(&mesh, 0..mesh.triangles.len());
+    let is_on = |t: usize, joint: usize| {
+        let heaviest = surface.influences[surface.triangles[t][0] as usize].joints[0];
+        joints.hangs_on(joints.of_bone(heaviest), joint)
+    };
     let hinge = |joint: usize| {
-        let parent = joints.parent(joint)?;
-        let bend = bend_at(&joints, joint, &mesh, &model.surface.influences);
-        let own = |i: &&Influences| joints.of_bone(i.joints[0]) == joint;
-        let vertices = model.surface.influences.iter().filter(own).count();
-        let volume = cone_volume(joints.place(joint), &bend, &mesh.positions).abs();
-        let limb = joints.axis(joint);
-        let before = (joints.place(joint) - joints.place(parent)).normalize_or_zero();
-        let normal = before.cross(limb);
-        let axis =
-            if normal.length() > BENT { normal.normalize() } else { limb.try_normalize()?.any_orthonormal_vector() };
-        (vertices >= FEWEST && bend.len() >= FEWEST && volume > 0.0).then_some(Hinge { joint, axis, volume })
+        joints.parent(joint)?;
+        let bend = bend_at(&joints, joint, &mesh, &surface.influences);
+        let limb = (0..mesh.triangles.len()).filter(|&t| is_on(t, joint));
+        if area(&mesh, bend.iter().copied()) < least || area(&mesh, limb) < least {
+            return None;
+        }
+        let place = joints.place(joint);
+        let corners = bend.iter().flat_map(|&t| mesh.triangles[t]).map(|v| mesh.positions[v as usize]);
+        let radius = corners.map(|p| p.distance(place)).sum::<f32>() / (3 * bend.len()) as f32;
+        let axis = joints.hinge_axis(joint)?;
+        (radius > 0.0).then_some(Hinge { joint, axis, radius })
     };
     (0..joints.count()).filter_map(hinge).collect()
+}
+
+/// Of some faces of a mesh, in square metres.
+fn area(mesh: &TriMesh, faces: impl IntoIterator<Item = usize>) -> f64 {
+    faces.into_iter().map(|t| 0.5 * f64::from(mesh.area_vector(t).length())).sum()
 }
 
 /// The positions of a mesh in the rest pose, moved by a turn of one hinge by `angle`, in radians.
@@ -67,22 +78,24 @@ pub fn bent(model: &Model, hinge: &Hinge, angle: f32, positions: &[Vec3], influe
 /// What becomes of a mesh in the rest pose as each hinge is turned by `angle`, in radians, in their order.
 pub fn bends(model: &Model, hinges: &[Hinge], angle: f32, mesh: &TriMesh, influences: &[Influences]) -> Vec<Bend> {
     let Some(joints) = Joints::of(model) else { return Vec::new() };
-    let crossing = |mesh: &TriMesh| self_intersecting(mesh);
-    let before = crossing(mesh);
+    let before = self_intersecting(mesh);
     let one = |hinge: &Hinge| {
         let bend = bend_at(&joints, hinge.joint, mesh, influences);
         let positions = bent(model, hinge, angle, &mesh.positions, influences);
         let centre = joints.place(hinge.joint);
-        let lost = cone_volume(centre, &bend, &mesh.positions) - cone_volume(centre, &bend, &positions);
-        let after = crossing(&TriMesh { positions, triangles: mesh.triangles.clone() });
-        let crossed = after.iter().zip(&before).filter(|(after, before)| **after && !**before).count();
-        Bend { volume_loss: lost / hinge.volume, crossing: crossed as f64 / bend.len().max(1) as f64 }
+        let volume = |positions: &[Vec3]| cone_volume(centre, &bend, &mesh.triangles, positions);
+        let lost = volume(&mesh.positions) - volume(&positions);
+        let after = self_intersecting(&TriMesh { positions, triangles: mesh.triangles.clone() });
+        let crossed = bend.iter().copied().filter(|&t| after[t] && !before[t]);
+        let ball = 4.0 / 3.0 * PI * f64::from(hinge.radius).powi(3);
+        let crossing = area(mesh, crossed) / area(mesh, bend.iter().copied()).max(f64::MIN_POSITIVE);
+        Bend { volume_loss: lost / ball, crossing }
     };
     hinges.par_iter().map(one).collect()
 }
 
 /// The faces that a turn of the joint deforms.
-fn bend_at(joints: &Joints<'_>, joint: usize, mesh: &TriMesh, influences: &[Influences]) -> Vec<[u32; 3]> {
+fn bend_at(joints: &Joints<'_>, joint: usize, mesh: &TriMesh, influences: &[Influences]) -> Vec<usize> {
     let hanging: Vec<f32> = influences
         .iter()
         .map(|i| {
@@ -90,18 +103,18 @@ fn bend_at(joints: &Joints<'_>, joint: usize, mesh: &TriMesh, influences: &[Infl
             slots.filter(|(bone, _)| joints.hangs_on(joints.of_bone(**bone), joint)).map(|(_, weight)| weight).sum()
         })
         .collect();
-    let deformed = |t: &&[u32; 3]| {
-        let weights = t.map(|v| hanging[v as usize]);
+    let deformed = |t: &usize| {
+        let weights = mesh.triangles[*t].map(|v| hanging[v as usize]);
         let (low, high) = (weights.iter().copied().fold(1.0, f32::min), weights.iter().copied().fold(0.0, f32::max));
         high > BLENDED && low < 1.0 - BLENDED
     };
-    mesh.triangles.iter().filter(deformed).copied().collect()
+    (0..mesh.triangles.len()).filter(deformed).collect()
 }
 
 /// Signed volume between faces and a point, in cubic metres.
-fn cone_volume(centre: Vec3, faces: &[[u32; 3]], positions: &[Vec3]) -> f64 {
-    let cone = |t: &[u32; 3]| {
-        let [a, b, c]: [DVec3; 3] = t.map(|v| (positions[v as usize] - centre).as_dvec3());
+fn cone_volume(centre: Vec3, faces: &[usize], triangles: &[[u32; 3]], positions: &[Vec3]) -> f64 {
+    let cone = |&t: &usize| {
+        let [a, b, c]: [DVec3; 3] = triangles[t].map(|v| (positions[v as usize] - centre).as_dvec3());
         a.dot(b.cross(c)) / 6.0
     };
     faces.iter().map(cone).sum()
@@ -175,14 +188,20 @@ mod tests {
     }
 
     #[test]
-    fn the_volume_at_the_bend_is_that_of_the_cylinder_between_its_rings() {
-        // Faces within one and a half radii of the hinge bend: their cones make the cylinder without its two end discs.
-        let model = cylinder(16, 1.0);
-        let circle = 0.5 * 24.0 * f64::from((TAU / 24.0).sin());
-        // The cone over the side of a cylinder of length 2 is two thirds of it.
-        let expected = circle * 2.0 * 2.0 / 3.0;
-        let volume = hinges(&model)[0].volume;
-        assert!((volume / expected - 1.0).abs() < 1e-3, "{volume} {expected}");
+    fn the_bend_is_as_large_as_the_limb_is_thick() {
+        // Faces within one and a half radii of the hinge bend: corners at a distance of 1 along the limb and 1 across.
+        let radius = hinges(&cylinder(16, 1.0))[0].radius;
+        assert!((1.0..2.0f32.sqrt()).contains(&radius), "{radius}");
+    }
+
+    #[test]
+    fn a_limb_too_small_to_show_is_no_hinge() {
+        let mut model = cylinder(16, 1.0);
+        model.surface.positions.extend([Vec3::X * 100.0, Vec3::Y * 100.0, Vec3::Z * 100.0]);
+        model.surface.influences.extend([Influences::rigid(0); 3]);
+        let last = model.surface.positions.len() as u32;
+        model.surface.triangles.push([last - 3, last - 2, last - 1]);
+        assert_eq!(hinges(&model), []);
     }
 
     #[test]

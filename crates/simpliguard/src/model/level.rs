@@ -14,6 +14,8 @@ pub struct Level {
     pub error: f32,
     /// Its triangles.
     pub mesh: LevelMesh,
+    /// Its skin lists only the joints that it hangs on, and not all of the source's.
+    pub own_joints: bool,
     /// Its one material.
     pub material: LevelMaterial,
     /// Its one texture set.

@@ -227,17 +227,17 @@ impl Object for Refined {
 
 impl Object for Atlas {
     fn write(&self, writer: &mut Writer) {
-        let Self { uvs, chart, charts, fill, stretch, texels_per_unit } = self;
+        let Self { uvs, chart, charts, fill, stretch, worst_stretch, texels_per_unit } = self;
         writer.slice(uvs);
         writer.slice(chart);
         writer.number(*charts as u64);
-        writer.number([*fill, *stretch, *texels_per_unit]);
+        writer.number([*fill, *stretch, *worst_stretch, *texels_per_unit]);
     }
 
     fn read(reader: &mut Reader<'_>) -> Option<Self> {
         let (uvs, chart, charts) = (reader.slice()?, reader.slice()?, reader.number::<u64>()? as usize);
-        let [fill, stretch, texels_per_unit] = reader.number()?;
-        Some(Self { uvs, chart, charts, fill, stretch, texels_per_unit })
+        let [fill, stretch, worst_stretch, texels_per_unit] = reader.number()?;
+        Some(Self { uvs, chart, charts, fill, stretch, worst_stretch, texels_per_unit })
     }
 }
 
@@ -264,7 +264,8 @@ mod tests {
         let read: Vec<Shape> = decode(&bytes).expect("shapes");
         assert_eq!(format!("{read:?}"), format!("{:?}", shapes()));
         let uvs = vec![[Vec2::ZERO, Vec2::X, Vec2::Y]];
-        let atlas = Atlas { uvs, chart: vec![0], charts: 1, fill: 0.5, stretch: 1.5, texels_per_unit: 9.0 };
+        let (stretch, worst_stretch, texels_per_unit) = (1.5, 2.5, 9.0);
+        let atlas = Atlas { uvs, chart: vec![0], charts: 1, fill: 0.5, stretch, worst_stretch, texels_per_unit };
         assert_eq!(decode(&encode(&atlas)), Some(atlas));
         let influences = vec![Influences { joints: [3, 1, 0, 0], weights: [0.75, 0.25, 0.0, 0.0] }];
         assert_eq!(decode(&encode(&influences)), Some(influences));

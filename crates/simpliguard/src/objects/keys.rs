@@ -3,7 +3,7 @@
 use bytemuck::cast_slice;
 
 use crate::mesh::TriMesh;
-use crate::model::{Bone, Document, Influences, Model, Pose, Surface};
+use crate::model::{Bone, Document, Influences, Model, Surface};
 use crate::settings::{BakeSettings, SourceGeometry, TextureFormat};
 use crate::shape::{Inputs, Params, Road};
 use crate::unwrap::UnwrapParams;
@@ -66,8 +66,7 @@ pub(crate) fn form_key(inputs: &Inputs<'_>) -> Key {
     let bone = |Bone { node: _, inverse_bind, rest_world }: &Bone| [*inverse_bind, *rest_world];
     let bones: Vec<_> = rig.bones.iter().map(bone).collect();
     let key = key.input(cast_slice(bones.as_flattened()));
-    let key = rig.poses.iter().fold(key, |key, Pose { frame: _, world }| key.input(cast_slice(world)));
-    // The choice of poses follows from their number.
+    let key = poses.bones().iter().fold(key, |key, bones| key.input(cast_slice(bones)));
     key.settings(format!("poses={}\n", poses.count()).as_bytes()).finish()
 }
 

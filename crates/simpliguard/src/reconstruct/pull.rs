@@ -11,7 +11,7 @@ use crate::{Bvh, Cancellation, Hit};
 /// vertices are pulled to.
 const KEEP_OVER_SOLID: f32 = 0.04;
 /// Thickness in cells from which a part is a solid rather than two sheets in one place.
-const THICKNESS: f32 = 1e-3;
+const THICKNESS: f32 = 0.25;
 
 /// Moves each vertex towards the nearest point of the source. Over a sheet it keeps a part `keep` of its distance, so that
 /// the sheet's two sides stay apart.

@@ -1,11 +1,11 @@
-//! Backward pass, mirroring [`super::forward`]: from the gradient at the pixels to the vertices.
+//! Backward pass, mirroring [`super::forward`]: from the gradient at the pixels to the vertices, or to the texture.
 
 use glam::{Mat4, Vec2, Vec3, Vec4, Vec4Swizzles};
 
 use super::LowPoly;
 use super::forward::{Blend, Frame, Lookup};
-use crate::render::NOTHING;
 use crate::render::raster::{pixel_to_ndc, to_pixels};
+use crate::render::{NOTHING, Picture};
 
 /// Gradients of one view, reused from step to step.
 #[derive(Default)]
@@ -18,22 +18,26 @@ pub(super) struct Gradients {
     pub(super) posed: Vec<Vec3>,
     /// In world space, in the rest pose.
     pub(super) positions: Vec<Vec3>,
+    /// At the texels; their fourth lane has none.
+    pub(super) texels: Vec<Vec4>,
 }
 
 impl Gradients {
-    /// Carries `image`, the gradient at the antialiased pixels within `frame.rect`, to the vertices.
-    pub(super) fn run(
-        &mut self,
-        low: &LowPoly,
-        view_projection: &Mat4,
-        pose: Option<usize>,
-        frame: &Frame,
-        image: &[Vec4],
-    ) {
+    /// Begins with no gradient.
+    pub(super) fn clear(&mut self, low: &LowPoly) {
         self.clip.clear();
         self.clip.resize(low.positions.len(), Vec3::ZERO);
+    }
+
+    /// Carries `image`, the gradient at the antialiased pixels within `frame.rect`, to the vertices in clip space. `texels` are
+    /// those that `frame` is painted with.
+    pub(super) fn add(&mut self, low: &LowPoly, texels: &[Vec4], frame: &Frame, image: &[Vec4]) {
         self.unblend(frame, image);
-        self.unshade(low, frame);
+        self.unshade(low, texels, frame);
+    }
+
+    /// Carries what was added on to the vertices in world space, in the pose of the view and in the rest pose.
+    pub(super) fn finish(&mut self, low: &LowPoly, view_projection: &Mat4, pose: Option<usize>) {
         let transposed = view_projection.transpose();
         self.posed.clear();
         let to_world = |g: &Vec3| (transposed * Vec4::new(g.x, g.y, 0.0, g.z)).xyz();
@@ -46,13 +50,45 @@ impl Gradients {
         }
     }
 
-    fn unblend(&mut self, frame: &Frame, image: &[Vec4]) {
+    /// Carries `image` to the texels, from pixels that lie wholly on the level and, by `target`, on the source: others hold
+    /// background.
+    pub(super) fn run_texture(&mut self, low: &LowPoly, frame: &Frame, target: &Picture, image: &[Vec4]) {
+        self.texels.clear();
+        self.texels.resize(low.texels.len(), Vec4::ZERO);
+        self.take(frame, image);
+        for blend in &frame.blends {
+            self.base[blend.near as usize] = Vec4::ZERO;
+            self.base[blend.far as usize] = Vec4::ZERO;
+        }
+        for y in frame.rect.rows() {
+            let ndc_y = pixel_to_ndc(y, frame.size);
+            for x in frame.rect.columns() {
+                let i = y * frame.size + x;
+                let id = frame.raster.ids[i];
+                if id == NOTHING || target.pixels[i][3] != 255 {
+                    continue;
+                }
+                let lookup = Lookup::new(frame.uv_at(low, id as usize, x, ndc_y).0, low.size);
+                let (k, gradient) = (lookup.texel, self.base[i].with_w(0.0));
+                for (k, weight) in [k, k + 1, k + low.size, k + low.size + 1].into_iter().zip(lookup.weights()) {
+                    self.texels[k] += gradient * weight;
+                }
+            }
+        }
+    }
+
+    /// Begins with the gradient at the antialiased pixels.
+    fn take(&mut self, frame: &Frame, image: &[Vec4]) {
         self.base.resize(image.len(), Vec4::ZERO);
         for y in frame.rect.rows() {
             let row = y * frame.size;
             let span = row + frame.rect.x0..row + frame.rect.x1.max(frame.rect.x0);
             self.base[span.clone()].copy_from_slice(&image[span]);
         }
+    }
+
+    fn unblend(&mut self, frame: &Frame, image: &[Vec4]) {
+        self.take(frame, image);
         for blend in &frame.blends {
             let (near, far) = (blend.near as usize, blend.far as usize);
             let difference = frame.base[near] - frame.base[far];
@@ -89,7 +125,7 @@ impl Gradients {
         }
     }
 
-    fn unshade(&mut self, low: &LowPoly, frame: &Frame) {
+    fn unshade(&mut self, low: &LowPoly, texels: &[Vec4], frame: &Frame) {
         for y in frame.rect.rows() {
             let ndc_y = pixel_to_ndc(y, frame.size);
             let mut last = NOTHING;
@@ -102,7 +138,7 @@ impl Gradients {
                     last = id;
                 }
                 if id != NOTHING {
-                    self.unshade_pixel(low, frame, id as usize, i, (x, ndc_y), &mut sums);
+                    self.unshade_pixel(low, texels, frame, id as usize, i, (x, ndc_y), &mut sums);
                 }
             }
             self.flush(low, last, &mut sums);
@@ -113,6 +149,7 @@ impl Gradients {
     fn unshade_pixel(
         &self,
         low: &LowPoly,
+        texels: &[Vec4],
         frame: &Frame,
         t: usize,
         pixel: usize,
@@ -123,7 +160,7 @@ impl Gradients {
         let (uv, b, inverse) = frame.uv_at(low, t, x, ndc_y);
         let lookup = Lookup::new(uv, low.size);
         let k = lookup.texel;
-        let [t00, t10, t01, t11] = [k, k + 1, k + low.size, k + low.size + 1].map(|k| low.texels[k]);
+        let [t00, t10, t01, t11] = [k, k + 1, k + low.size, k + low.size + 1].map(|k| texels[k]);
         let along_u = gradient.dot((t10 - t00) * (1.0 - lookup.fy) + (t11 - t01) * lookup.fy);
         let along_v = gradient.dot((t01 - t00) * (1.0 - lookup.fx) + (t11 - t10) * lookup.fx);
         let by_b = Vec3::from(low.uvs[t].map(|uv| along_u * uv.x + along_v * uv.y));

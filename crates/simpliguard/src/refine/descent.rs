@@ -1,46 +1,55 @@
-//! The loop: a few views a step, vertices by Adam, the texture solved again now and then, the best iterate kept.
+//! The loop: a few views a step, vertices by Adam, the texture fitted again now and then, the best iterate kept.
+//!
+//! The first steps may compare pictures of half the size, on a texture of half the size: they cost a quarter, and each
+//! pixel's gradient reaches twice as far.
 
 use glam::{Vec3, Vec4};
 use rayon::prelude::*;
 
 use super::adam::Adam;
 use super::backward::Gradients;
+use super::distance::SourceDistance;
 use super::forward::Frame;
 use super::guard::Guard;
-use super::loss::{Loss, squared_error};
-use super::regularise::Laplacian;
-use super::{LowPoly, Skin, solve_texture};
-use crate::render::{Picture, Random, Rect, View};
-use crate::{Cancellation, Context, Error};
+use super::loss::Loss;
+use super::regularise::Structure;
+use super::split::Split;
+use super::{LowPoly, Skin, TextureFit};
+use crate::render::{Picture, Random, View};
+use crate::{Bvh, Cancellation, Context, Error};
 
 /// Views a step.
 const BATCH: usize = 2;
-/// One view in this many is held out to judge by.
-const HELD_OUT: usize = 6;
-/// Weight of the image gradient in the loss.
-const GRADIENT_WEIGHT: f32 = 0.5;
-/// Weight of the Laplacian of the displacement, with the source's radius as unit of length.
-const LAPLACIAN_WEIGHT: f32 = 0.02;
+/// Steps between two fits of the texture.
+const FIT_EVERY: u32 = 50;
 /// First step of a skin weight.
 const WEIGHT_RATE: f32 = 0.01;
 /// Factor on the step length from step to step.
 const DECAY: f32 = 0.992;
 /// Factor on the step length after steps that gained nothing.
 const BACKTRACK: f32 = 0.3;
-/// Iterations of the texture's conjugate gradients.
-const SOLVE_ITERATIONS: usize = 30;
 
 /// How to refine.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Params {
     /// Vertex steps; none fits the texture alone.
     pub steps: u32,
+    /// Part of them that is taken at half size.
+    pub coarse: f32,
     /// First step length as a part of the mean edge.
     pub step_length: f32,
-    /// Weight of the texture's smoothness, in pixels; `None` leaves the texture as it is.
-    pub smoothness: Option<f32>,
-    /// Steps between two solutions of the texture.
-    pub resolve_every: u32,
+    /// How the texture is fitted; `None` leaves it as it is.
+    pub texture: Option<TextureFit>,
+    /// Weight of the image gradient in the loss.
+    pub gradient_weight: f32,
+    /// Weight of the error of the source's normals, seen as colours, at half size.
+    pub shading_weight: f32,
+    /// Weight of the Laplacian of the displacement, with the source's radius as unit of length.
+    pub laplacian_weight: f32,
+    /// Weight of the squared distance to the source, with the mean edge as unit of length.
+    pub distance_weight: f32,
+    /// Weight of the consistency of normals.
+    pub normal_weight: f32,
     /// Order in which views are taken.
     pub seed: u64,
 }
@@ -56,94 +65,59 @@ pub struct Refined {
     pub psnr: f32,
 }
 
-/// Fits `low` to the views, and `skin` to those in other poses, `radius` being the source's. Never ends worse than it
-/// began by the views held out.
+/// What a mesh is fitted to.
+pub struct Target<'a> {
+    /// The source's pictures.
+    pub views: &'a [View],
+    /// The same at half the size, or none.
+    pub halves: &'a [View],
+    /// Over the source's triangles.
+    pub bvh: &'a Bvh,
+    /// Of the source.
+    pub radius: f32,
+}
+
+/// Fits `low` to the views, and `skin` to those in other poses. Never ends worse than it began by the views held out.
 ///
 /// # Errors
 /// If cancelled.
 pub fn refine(
     low: &mut LowPoly,
     skin: Option<&mut Skin<'_>>,
-    views: &[View],
-    radius: f32,
+    target: &Target<'_>,
     params: &Params,
     asset: &str,
     context: &Context<'_>,
 ) -> Result<Refined, Error> {
-    let split = Split::new(views, &context.cancellation);
-    let mut refined = Refined { psnr_initial: split.judge(low), ..Refined::default() };
+    let split = Split::new(target.views, &context.cancellation);
+    let refined = fit_to(low, &split, params.texture.as_ref());
+    if params.steps == 0 || low.triangles.is_empty() {
+        return Ok(refined);
+    }
+    let psnr = Descent::new(low, target, params, asset, context).run(low, skin, target.halves, &split, refined.psnr)?;
+    Ok(Refined { psnr, ..refined })
+}
+
+/// Fits the texture alone, if that gains anything.
+pub fn fit_texture(
+    low: &mut LowPoly,
+    views: &[View],
+    fit: Option<&TextureFit>,
+    cancellation: &Cancellation,
+) -> Refined {
+    fit_to(low, &Split::new(views, cancellation), fit)
+}
+
+fn fit_to(low: &mut LowPoly, split: &Split<'_>, fit: Option<&TextureFit>) -> Refined {
+    let psnr_initial = split.judge(low, 0.0);
+    let Some(fit) = fit else { return Refined { psnr_initial, psnr_texture: psnr_initial, psnr: psnr_initial } };
     let initial = low.texels.clone();
-    split.solve(low, params.smoothness);
-    refined.psnr_texture = split.judge(low);
-    refined.psnr = refined.psnr_texture;
-    if refined.psnr_texture < refined.psnr_initial {
-        low.texels = initial;
-        refined.psnr = refined.psnr_initial;
-    }
-    if params.steps > 0 && !low.triangles.is_empty() {
-        refined.psnr = descend(low, skin, &split, radius, params, refined.psnr, asset, context)?;
-    }
-    Ok(refined)
-}
-
-/// Fits the texture alone, if that gains anything; returns the PSNR over the views held out, in dB.
-pub fn fit_texture(low: &mut LowPoly, views: &[View], smoothness: Option<f32>, cancellation: &Cancellation) -> f32 {
-    let split = Split::new(views, cancellation);
-    let before = split.judge(low);
-    let initial = low.texels.clone();
-    split.solve(low, smoothness);
-    let after = split.judge(low);
-    if after < before {
+    split.fit(low, Some(fit));
+    let psnr_texture = split.judge(low, 0.0);
+    if psnr_texture < psnr_initial {
         low.texels = initial;
     }
-    after.max(before)
-}
-
-/// Views to fit and views to judge by.
-struct Split<'a> {
-    fitted: Vec<&'a View>,
-    fitted_rects: Vec<Rect>,
-    held_out: Vec<&'a View>,
-    held_out_rects: Vec<Rect>,
-    cancellation: &'a Cancellation,
-}
-
-impl<'a> Split<'a> {
-    fn new(views: &'a [View], cancellation: &'a Cancellation) -> Self {
-        let pick = |held: bool| -> Vec<&View> {
-            let chosen = views.iter().enumerate().filter(|(i, _)| (i % HELD_OUT == HELD_OUT / 2) == held);
-            chosen.map(|(_, v)| v).collect()
-        };
-        let (fitted, held_out) = (pick(false), pick(true));
-        let rects = |views: &[&View]| views.iter().map(|v| covered_rect(&v.picture)).collect();
-        let (fitted_rects, held_out_rects) = (rects(&fitted), rects(&held_out));
-        Self { fitted, fitted_rects, held_out, held_out_rects, cancellation }
-    }
-
-    fn solve(&self, low: &mut LowPoly, smoothness: Option<f32>) {
-        if let Some(smoothness) = smoothness {
-            let (views, rects) = (&self.fitted, &self.fitted_rects);
-            solve_texture(low, views, rects, smoothness, SOLVE_ITERATIONS, self.cancellation);
-        }
-    }
-
-    /// Mean PSNR over the views held out, on white, in dB.
-    fn judge(&self, low: &LowPoly) -> f32 {
-        let errors: Vec<f64> = self
-            .held_out
-            .par_iter()
-            .zip(&self.held_out_rects)
-            .map_init(
-                || Frame::new(self.held_out[0].picture.size),
-                |frame, (view, rect)| {
-                    frame.render(low, &view.camera, view.pose, *rect);
-                    squared_error(frame, &view.picture, 1.0) / (3 * frame.size * frame.size) as f64
-                },
-            )
-            .collect();
-        let decibels = |e: &f64| -10.0 * libm::log10(e.max(1e-10));
-        (errors.iter().map(decibels).sum::<f64>() / errors.len().max(1) as f64) as f32
-    }
+    Refined { psnr_initial, psnr_texture, psnr: psnr_texture.max(psnr_initial) }
 }
 
 /// Everything one view of a batch needs.
@@ -153,33 +127,162 @@ struct Lane {
     gradients: Gradients,
 }
 
-fn descend(
-    low: &mut LowPoly,
-    mut skin: Option<&mut Skin<'_>>,
-    split: &Split<'_>,
-    radius: f32,
-    params: &Params,
-    start: f32,
-    asset: &str,
-    context: &Context<'_>,
-) -> Result<f32, Error> {
-    let size = split.fitted[0].picture.size;
-    let lane = || Lane { frame: Frame::new(size), loss: Loss::default(), gradients: Gradients::default() };
-    let mut lanes: Vec<Lane> = (0..BATCH).map(|_| lane()).collect();
-    let origin = low.positions.clone();
-    let guard = Guard::new(low);
-    let laplacian = Laplacian::new(origin.len(), &low.triangles);
-    let mut adam = Adam::new(3 * origin.len());
-    let mut weight_adam = Adam::new(4 * origin.len());
-    let mut weight_rate = WEIGHT_RATE;
-    let mut order = Order::new(split.fitted.len(), params.seed);
-    let mut rate = params.step_length * low.mean_edge();
-    let weights = |skin: &Option<&mut Skin<'_>>| skin.as_ref().map_or_else(Vec::new, |skin| skin.weights());
-    let mut best = (start, low.positions.clone(), low.texels.clone(), weights(&skin));
-    for step in 1..=params.steps {
-        context.check(asset)?;
+impl Lane {
+    /// Adds the gradient of the error of the frame, painted with `texels`.
+    fn compare(
+        &mut self,
+        low: &LowPoly,
+        texels: &[Vec4],
+        target: &Picture,
+        background: f32,
+        gradient_weight: f32,
+        weight: f32,
+    ) {
+        self.loss.run(&self.frame, target, background, gradient_weight, weight);
+        self.gradients.add(low, texels, &self.frame, &self.loss.gradient);
+    }
+}
+
+/// The best iterate so far.
+struct Best {
+    psnr: f32,
+    positions: Vec<Vec3>,
+    texels: Vec<Vec4>,
+    weights: Vec<[f32; 4]>,
+}
+
+impl Best {
+    fn new(psnr: f32, low: &LowPoly, skin: Option<&Skin<'_>>) -> Self {
+        let weights = skin.map_or_else(Vec::new, Skin::weights);
+        Self { psnr, positions: low.positions.clone(), texels: low.texels.clone(), weights }
+    }
+
+    fn restore(&self, low: &mut LowPoly, skin: Option<&mut Skin<'_>>) {
+        low.positions.clone_from(&self.positions);
+        low.texels.clone_from(&self.texels);
+        if let Some(skin) = skin {
+            skin.set_weights(&self.weights);
+            skin.move_into_all(low);
+        }
+    }
+}
+
+/// Vertices on their way, over all sizes of pictures.
+struct Descent<'a> {
+    params: &'a Params,
+    asset: &'a str,
+    context: &'a Context<'a>,
+    guard: Guard,
+    structure: Structure,
+    distance: SourceDistance<'a>,
+    adam: Adam,
+    weight_adam: Adam,
+    /// Step lengths of vertices and of skin weights.
+    rate: f32,
+    weight_rate: f32,
+    step: u32,
+}
+
+impl<'a> Descent<'a> {
+    fn new(low: &LowPoly, target: &Target<'a>, params: &'a Params, asset: &'a str, context: &'a Context<'a>) -> Self {
+        let (vertices, edge) = (low.positions.len(), low.mean_edge());
+        let laplacian_weight = params.laplacian_weight / (target.radius * target.radius);
+        let distance_weight = params.distance_weight / (edge * edge);
+        Self {
+            params,
+            asset,
+            context,
+            guard: Guard::new(low),
+            structure: Structure::new(low, laplacian_weight, params.normal_weight),
+            distance: SourceDistance::new(target.bvh, low, distance_weight),
+            adam: Adam::new(3 * vertices),
+            weight_adam: Adam::new(4 * vertices),
+            rate: params.step_length * edge,
+            weight_rate: WEIGHT_RATE,
+            step: 0,
+        }
+    }
+
+    /// The first steps at half size, the rest at full size; returns the PSNR at the end, having begun at `psnr`.
+    fn run(
+        mut self,
+        low: &mut LowPoly,
+        mut skin: Option<&mut Skin<'_>>,
+        halves: &[View],
+        split: &Split<'_>,
+        psnr: f32,
+    ) -> Result<f32, Error> {
+        let mut best = Best::new(psnr, low, skin.as_deref());
+        let coarse = if halves.is_empty() { 0 } else { (self.params.coarse * self.params.steps as f32) as u32 };
+        if coarse > 0 {
+            let mut half = low.halved();
+            let split_half = Split::new(halves, &self.context.cancellation);
+            split_half.fit(&mut half, self.params.texture.as_ref());
+            let psnr = split_half.judge(&half, self.params.shading_weight);
+            self.descend(&mut half, skin.as_deref_mut(), &split_half, coarse, psnr)?;
+            (low.positions, low.motions) = (half.positions, half.motions);
+            split.fit(low, self.params.texture.as_ref());
+            let psnr = split.judge(low, 0.0);
+            if psnr > best.psnr {
+                best = Best::new(psnr, low, skin.as_deref());
+            } else {
+                best.restore(low, skin.as_deref_mut());
+            }
+        }
+        self.descend(low, skin, split, self.params.steps - coarse, best.psnr)
+    }
+
+    /// Takes `steps` steps against the views of `split`, and goes back to the best iterate. Returns its PSNR, having begun
+    /// at `psnr`.
+    fn descend(
+        &mut self,
+        low: &mut LowPoly,
+        mut skin: Option<&mut Skin<'_>>,
+        split: &Split<'_>,
+        steps: u32,
+        psnr: f32,
+    ) -> Result<f32, Error> {
+        let lane = || Lane { frame: Frame::new(split.size()), loss: Loss::default(), gradients: Gradients::default() };
+        let mut lanes: [Lane; BATCH] = std::array::from_fn(|_| lane());
+        let mut order = Order::new(split.fitted.len(), self.params.seed);
+        let mut best = Best::new(psnr, low, skin.as_deref());
+        for step in 1..=steps {
+            self.context.check(self.asset)?;
+            self.step(low, skin.as_deref_mut(), split, &mut lanes, &mut order);
+            if !step.is_multiple_of(FIT_EVERY) && step < steps {
+                continue;
+            }
+            self.guard.take_back(low);
+            if let Some(skin) = &skin {
+                skin.move_into_all(low);
+            }
+            split.fit(low, self.params.texture.as_ref());
+            let psnr = split.judge(low, self.params.shading_weight);
+            tracing::trace!(step = self.step, size = split.size(), psnr, "refine");
+            if psnr > best.psnr {
+                best = Best::new(psnr, low, skin.as_deref());
+            } else {
+                // Too long a stride: from the best iterate on with shorter ones.
+                best.restore(low, skin.as_deref_mut());
+                self.shorten();
+            }
+            self.distance.find_planes(low);
+        }
+        best.restore(low, skin);
+        Ok(best.psnr)
+    }
+
+    fn step(
+        &mut self,
+        low: &mut LowPoly,
+        skin: Option<&mut Skin<'_>>,
+        split: &Split<'_>,
+        lanes: &mut [Lane; BATCH],
+        order: &mut Order,
+    ) {
+        self.step += 1;
         // Black and white by turns: a vertex that fits both fits the outline, not the background.
-        let background = if step % 2 == 0 { 1.0 } else { 0.0 };
+        let background = if self.step.is_multiple_of(2) { 1.0 } else { 0.0 };
         let chosen: [usize; BATCH] = std::array::from_fn(|_| order.next());
         if let Some(skin) = &skin {
             chosen.iter().for_each(|&i| skin.move_into(split.fitted[i].pose, low));
@@ -188,71 +291,56 @@ fn descend(
         lanes.par_iter_mut().zip(chosen).with_max_len(1).for_each(|(lane, i)| {
             let (view, rect) = (split.fitted[i], split.fitted_rects[i]);
             lane.frame.render(shared, &view.camera, view.pose, rect);
-            lane.loss.run(&lane.frame, &view.picture, background, GRADIENT_WEIGHT);
-            let (matrix, pose) = (&view.camera.view_projection, view.pose);
-            lane.gradients.run(shared, matrix, pose, &lane.frame, &lane.loss.gradient);
+            lane.gradients.clear(shared);
+            lane.compare(shared, &shared.texels, &view.picture, background, self.params.gradient_weight, 1.0);
+            if let Some(normals) = view.normals.as_ref().filter(|_| !shared.normals.is_empty()) {
+                lane.frame.paint(shared, &shared.normals);
+                let weight = self.params.shading_weight;
+                lane.compare(shared, &shared.normals, normals, background, self.params.gradient_weight, weight);
+            }
+            lane.gradients.finish(shared, &view.camera.view_projection, view.pose);
         });
-        let mut gradient: Vec<Vec3> = vec![Vec3::ZERO; origin.len()];
-        for lane in &lanes {
-            gradient.iter_mut().zip(&lane.gradients.positions).for_each(|(a, b)| *a += *b / BATCH as f32);
-        }
-        if let Some(skin) = &mut skin {
-            let mut gradient = vec![Vec4::ZERO; origin.len()];
+        if let Some(skin) = skin {
+            let mut gradient = vec![Vec4::ZERO; low.positions.len()];
             for (lane, i) in lanes.iter().zip(chosen) {
                 let (pose, posed) = (split.fitted[i].pose, &lane.gradients.posed);
                 skin.add_gradient(pose, &low.positions, posed, 1.0 / BATCH as f32, &mut gradient);
             }
-            skin.step(&mut weight_adam, gradient, weight_rate);
-            weight_rate *= DECAY;
+            skin.step(&mut self.weight_adam, gradient, self.weight_rate);
         }
-        let moved: Vec<Vec3> = low.positions.iter().zip(&origin).map(|(a, b)| *a - *b).collect();
-        laplacian.add_gradient(&moved, LAPLACIAN_WEIGHT / (radius * radius), &mut gradient);
-        adam.step(bytemuck::cast_slice_mut(&mut low.positions), bytemuck::cast_slice(&gradient), rate);
-        rate *= DECAY;
-        if step % params.resolve_every.max(1) == 0 || step == params.steps {
-            guard.take_back(low);
-            if let Some(skin) = &skin {
-                skin.move_into_all(low);
-            }
-            split.solve(low, params.smoothness);
-            let psnr = split.judge(low);
-            tracing::trace!(step, psnr, "refine");
-            if psnr > best.0 {
-                best = (psnr, low.positions.clone(), low.texels.clone(), weights(&skin));
-            } else {
-                // Too long a stride: from the best iterate on with shorter ones.
-                (low.positions, low.texels) = (best.1.clone(), best.2.clone());
-                adam = Adam::new(3 * origin.len());
-                rate *= BACKTRACK;
-                if let Some(skin) = &mut skin {
-                    skin.set_weights(&best.3);
-                    weight_adam = Adam::new(4 * origin.len());
-                    weight_rate *= BACKTRACK;
-                }
-            }
+        let mut gradient: Vec<Vec3> = vec![Vec3::ZERO; low.positions.len()];
+        for lane in lanes {
+            gradient.iter_mut().zip(&lane.gradients.positions).for_each(|(a, b)| *a += *b / BATCH as f32);
         }
+        self.structure.add_gradient(&low.positions, &mut gradient);
+        self.distance.add_gradient(low, &mut gradient);
+        self.adam.step(bytemuck::cast_slice_mut(&mut low.positions), bytemuck::cast_slice(&gradient), self.rate);
+        self.rate *= DECAY;
+        self.weight_rate *= DECAY;
     }
-    (low.positions, low.texels) = (best.1, best.2);
-    if let Some(skin) = skin {
-        skin.set_weights(&best.3);
-        skin.move_into_all(low);
+
+    /// Goes on with shorter strides in directions not known yet.
+    fn shorten(&mut self) {
+        self.adam.reset();
+        self.weight_adam.reset();
+        self.rate *= BACKTRACK;
+        self.weight_rate *= BACKTRACK;
     }
-    Ok(best.0)
 }
 
 /// Views in random order, each once before any comes again.
-struct Order {
+pub(super) struct Order {
     random: Random,
     views: Vec<usize>,
     at: usize,
 }
 
 impl Order {
-    fn new(views: usize, seed: u64) -> Self {
+    pub(super) fn new(views: usize, seed: u64) -> Self {
         Self { random: Random::new(seed), views: (0..views).collect(), at: views }
     }
 
-    fn next(&mut self) -> usize {
+    pub(super) fn next(&mut self) -> usize {
         if self.at == self.views.len() {
             for i in (1..self.views.len()).rev() {
                 self.views.swap(i, (self.random.bits() % (i as u64 + 1)) as usize);
@@ -262,17 +350,4 @@ impl Order {
         self.at += 1;
         self.views[self.at - 1]
     }
-}
-
-/// The rectangle of pixels that the source touches.
-fn covered_rect(picture: &Picture) -> Rect {
-    let n = picture.size;
-    let mut rect = Rect { x0: n, y0: n, x1: 0, y1: 0 };
-    for y in 0..n {
-        let row = &picture.pixels[y * n..(y + 1) * n];
-        if let (Some(first), Some(last)) = (row.iter().position(|p| p[3] > 0), row.iter().rposition(|p| p[3] > 0)) {
-            rect = Rect { x0: rect.x0.min(first), x1: rect.x1.max(last + 1), y0: rect.y0.min(y), y1: y + 1 };
-        }
-    }
-    rect
 }

@@ -109,8 +109,13 @@ impl Frame {
     /// The whole forward pass.
     pub(super) fn render(&mut self, low: &LowPoly, camera: &Camera, pose: Option<usize>, source: Rect) {
         self.rasterise(low, camera, pose, source);
-        self.shade(low);
         self.find_blends(low);
+        self.paint(low, &low.texels);
+    }
+
+    /// The rest of the forward pass, with another texture in place of the level's own.
+    pub(super) fn paint(&mut self, low: &LowPoly, texels: &[Vec4]) {
+        self.shade(low, texels);
         self.blend();
     }
 
@@ -122,7 +127,7 @@ impl Frame {
         (*u * b.x + *v * b.y + *w * b.z, b, inverse)
     }
 
-    fn shade(&mut self, low: &LowPoly) {
+    fn shade(&mut self, low: &LowPoly, texels: &[Vec4]) {
         for y in self.rect.rows() {
             let ndc_y = pixel_to_ndc(y, self.size);
             for x in self.rect.columns() {
@@ -134,7 +139,6 @@ impl Frame {
                     let lookup = Lookup::new(self.uv_at(low, id as usize, x, ndc_y).0, low.size);
                     let [a, b, c, d] = lookup.weights();
                     let k = lookup.texel;
-                    let texels = &low.texels;
                     texels[k] * a + texels[k + 1] * b + texels[k + low.size] * c + texels[k + low.size + 1] * d
                 };
             }

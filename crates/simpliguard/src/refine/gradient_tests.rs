@@ -8,7 +8,7 @@ use super::backward::Gradients;
 use super::forward::Frame;
 use super::loss::Loss;
 use crate::mesh::TriMesh;
-use crate::render::{Camera, Frame as Framing, Motions, Picture, Rect};
+use crate::render::{Camera, Frame as Framing, Motions, NOTHING, Picture, Rect};
 use crate::unwrap::Atlas;
 
 const SIZE: usize = 256;
@@ -74,7 +74,7 @@ fn loss(low: &LowPoly, target: &Picture, background: f32, lambda: f32) -> (f64, 
     let mut frame = Frame::new(SIZE);
     frame.render(low, &camera(), None, all());
     let mut loss = Loss::default();
-    let value = loss.run(&frame, target, background, lambda);
+    let value = loss.run(&frame, target, background, lambda, 1.0);
     (value, frame, loss)
 }
 
@@ -83,7 +83,9 @@ fn compare(background: f32, lambda: f32) -> (f64, f64) {
     let (mut low, target) = (sphere(4), target());
     let (_, frame, run) = loss(&low, &target, background, lambda);
     let mut gradients = Gradients::default();
-    gradients.run(&low, &camera().view_projection, None, &frame, &run.gradient);
+    gradients.clear(&low);
+    gradients.add(&low, &low.texels, &frame, &run.gradient);
+    gradients.finish(&low, &camera().view_projection, None);
     let mut order: Vec<usize> = (0..low.positions.len()).collect();
     let length = |v: &usize| gradients.positions[*v].length();
     order.sort_by(|a, b| length(b).total_cmp(&length(a)));
@@ -118,15 +120,55 @@ fn vertex_gradients_point_along_central_differences() {
 }
 
 #[test]
+fn texture_gradients_match_central_differences() {
+    let target = target();
+    let mut low = sphere(4);
+    let (_, frame, run) = loss(&low, &target, 0.0, 0.5);
+    // Over the pixels that count only: at others the two pictures shall agree.
+    let counts: Vec<bool> = {
+        let mut counts: Vec<bool> =
+            (0..SIZE * SIZE).map(|i| frame.raster.ids[i] != NOTHING && target.pixels[i][3] == 255).collect();
+        frame.blends.iter().for_each(|b| (counts[b.near as usize], counts[b.far as usize]) = (false, false));
+        counts
+    };
+    let mut gradients = Gradients::default();
+    gradients.run_texture(&low, &frame, &target, &run.gradient);
+    let mut order: Vec<usize> = (0..low.texels.len()).collect();
+    order.sort_by(|a, b| gradients.texels[*b].length().total_cmp(&gradients.texels[*a].length()));
+    for &texel in &order[..20] {
+        for lane in 0..3 {
+            let h = 0.05;
+            let mut at = |step: f32| {
+                low.texels[texel][lane] += step;
+                let (_, mut moved, _) = loss(&low, &target, 0.0, 0.5);
+                low.texels[texel][lane] -= step;
+                for (i, counts) in counts.iter().enumerate() {
+                    if !counts {
+                        moved.image[i] = frame.image[i];
+                    }
+                }
+                Loss::default().run(&moved, &target, 0.0, 0.5, 1.0)
+            };
+            let difference = (at(h) - at(-h)) / (2.0 * f64::from(h));
+            let gradient = f64::from(gradients.texels[texel][lane]);
+            let scale = f64::from(gradients.texels[texel].length());
+            assert!((difference - gradient).abs() < 1e-4 * scale, "{difference} {gradient}");
+        }
+    }
+}
+
+#[test]
 fn gradients_in_a_pose_are_those_at_rest_turned_back() {
     let target = target();
     let gradients = |low: &LowPoly, pose| {
         let mut frame = Frame::new(SIZE);
         frame.render(low, &camera(), pose, all());
         let mut loss = Loss::default();
-        loss.run(&frame, &target, 1.0, 0.5);
+        loss.run(&frame, &target, 1.0, 0.5, 1.0);
         let mut gradients = Gradients::default();
-        gradients.run(low, &camera().view_projection, pose, &frame, &loss.gradient);
+        gradients.clear(low);
+        gradients.add(low, &low.texels, &frame, &loss.gradient);
+        gradients.finish(low, &camera().view_projection, pose);
         gradients.positions
     };
     let still = sphere(4);
@@ -161,7 +203,7 @@ fn image_gradients_match_central_differences() {
             let h = 1e-2;
             let mut at = |step: f32| {
                 frame.image[pixel][lane] += step;
-                let value = Loss::default().run(&frame, &target, 1.0, 0.5);
+                let value = Loss::default().run(&frame, &target, 1.0, 0.5, 1.0);
                 frame.image[pixel][lane] -= step;
                 value
             };

@@ -20,8 +20,8 @@ pub(super) struct Loss {
 }
 
 impl Loss {
-    /// Loss of a frame against the source over a background of one encoded grey, per pixel of the frame.
-    pub(super) fn run(&mut self, frame: &Frame, target: &Picture, background: f32, lambda: f32) -> f64 {
+    /// Loss of a frame against the source over a background of one encoded grey, per pixel of the frame, times `weight`.
+    pub(super) fn run(&mut self, frame: &Frame, target: &Picture, background: f32, lambda: f32, weight: f32) -> f64 {
         let size = frame.size;
         self.residual.resize(size * size, Vec4::ZERO);
         self.gradient.resize(size * size, Vec4::ZERO);
@@ -31,7 +31,7 @@ impl Loss {
                 self.residual[i] = (d.xyz() - background * d.w).extend(COVERAGE_WEIGHT * d.w);
             }
         }
-        let scale = 2.0 / (size * size) as f32;
+        let scale = weight * 2.0 / (size * size) as f32;
         let mut loss = 0.0;
         let rect = frame.rect;
         for y in rect.rows() {
@@ -60,7 +60,7 @@ impl Loss {
             }
             loss += f64::from(row);
         }
-        loss / (size * size) as f64
+        f64::from(weight) * loss / (size * size) as f64
     }
 }
 

@@ -26,6 +26,8 @@ pub struct LowPoly {
     pub size: usize,
     /// Encoded RGB, rows from the top; the fourth lane is one.
     pub texels: Vec<Vec4>,
+    /// Unit normals of the source as fractions of full scale, for each texel; empty if they do not count.
+    pub normals: Vec<Vec4>,
     /// Texels that some triangle covers.
     pub covered: Vec<bool>,
     /// How the vertices move into the poses of the views.
@@ -50,6 +52,7 @@ impl LowPoly {
             double_sided,
             size,
             texels,
+            normals: Vec::new(),
             covered,
             motions: Motions::default(),
         }
@@ -60,10 +63,30 @@ impl LowPoly {
         Self { motions, ..self }
     }
 
+    /// The same mesh with the source's normals, one for each texel.
+    pub fn with_normals(self, normals: Vec<Vec4>) -> Self {
+        Self { normals, ..self }
+    }
+
     /// The same mesh with another texture of `size` x `size` texels.
     pub fn retextured(self, atlas: &Atlas, size: usize, texels: Vec<Vec4>, covered: Vec<bool>) -> Self {
         let uvs = atlas.uvs.iter().map(|corners| corners.map(|uv| uv * size as f32)).collect();
-        Self { uvs, size, texels, covered, ..self }
+        Self { uvs, size, texels, normals: Vec::new(), covered, ..self }
+    }
+
+    /// The same mesh with its texture at half the size, each texel the mean of four.
+    pub(super) fn halved(&self) -> Self {
+        let size = self.size / 2;
+        let four = |i: usize| {
+            let k = 2 * (i / size * self.size + i % size);
+            [k, k + 1, k + self.size, k + self.size + 1]
+        };
+        let mean = |values: &[Vec4], i: usize| four(i).map(|k| values[k]).iter().sum::<Vec4>() * 0.25;
+        let halved = |values: &[Vec4]| (0..size * size).map(|i| mean(values, i)).collect();
+        let normals = if self.normals.is_empty() { Vec::new() } else { halved(&self.normals) };
+        let covered = (0..size * size).map(|i| four(i).iter().any(|&k| self.covered[k])).collect();
+        let uvs = self.uvs.iter().map(|corners| corners.map(|uv| uv * 0.5)).collect();
+        Self { uvs, size, texels: halved(&self.texels), normals, covered, ..self.clone() }
     }
 
     /// The mesh alone.

@@ -3,13 +3,15 @@
 //! The level is rendered with analytic antialiasing (`forward`), compared with the source's pictures (`loss`), and
 //! the error is carried back to the vertices (`backward`). For fixed vertices the texture that fits the pictures best
 //! is a linear problem: bilinear sampling couples a texel with its eight neighbours only, so its normal equations are a
-//! nine-point stencil whatever the number of views (`stencil`).
+//! nine-point stencil whatever the number of views (`stencil`). The paper's descent on the texture (`texture_descent`) is
+//! there to compare with.
 //!
 //! Colours are sRGB encoded here: errors then weigh as they are seen.
 
 mod adam;
 mod backward;
 mod descent;
+mod distance;
 mod forward;
 #[cfg(test)]
 mod gradient_tests;
@@ -18,9 +20,30 @@ mod loss;
 mod low_poly;
 mod regularise;
 mod skin;
+mod split;
 mod stencil;
+mod texture_descent;
 
-pub use descent::{Params, Refined, fit_texture, refine};
+pub use descent::{Params, Refined, Target, fit_texture, refine};
 pub use low_poly::LowPoly;
 pub use skin::Skin;
 pub use stencil::solve_texture;
+pub use texture_descent::{TextureDescent, descend_texture};
+
+/// How a texture is fitted to the views.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TextureFit {
+    /// Weight of the squared differences of neighbouring texels, in pixels.
+    pub smoothness: f32,
+    /// By what.
+    pub solver: Solver,
+}
+
+/// What fits a texture.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Solver {
+    /// [`solve_texture`].
+    LeastSquares,
+    /// [`descend_texture`].
+    Adam(TextureDescent),
+}

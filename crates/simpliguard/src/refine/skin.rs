@@ -92,26 +92,10 @@ impl<'a> Skin<'a> {
         let mut weights = self.weights();
         adam.step(weights.as_flattened_mut(), bytemuck::cast_slice(&gradient), rate);
         for ((influences, weights), &slots) in self.influences.iter_mut().zip(&mut weights).zip(&self.slots) {
-            project(&mut weights[..usize::from(slots)]);
+            rig::project(&mut weights[..usize::from(slots)]);
             influences.weights = *weights;
         }
     }
-}
-
-/// The closest point with coordinates of at least zero that sum to one (Duchi et al. 2008).
-fn project(weights: &mut [f32]) {
-    let mut falling = weights.to_vec();
-    falling.sort_by(|a, b| b.total_cmp(a));
-    let mut sum = 0.0;
-    let mut shift = 0.0;
-    for (k, weight) in falling.into_iter().enumerate() {
-        sum += weight;
-        let next = (sum - 1.0) / (k + 1) as f32;
-        if weight - next > 0.0 {
-            shift = next;
-        }
-    }
-    weights.iter_mut().for_each(|w| *w = (*w - shift).max(0.0));
 }
 
 #[cfg(test)]
@@ -121,19 +105,6 @@ mod tests {
     use super::*;
     use crate::Cancellation;
     use crate::model::{Bone, Model, Pose, Rig, Surface};
-
-    #[test]
-    fn what_lies_off_the_simplex_goes_to_its_nearest_point() {
-        for (mut weights, expected) in [
-            ([0.5, 0.5, 0.5], [1.0 / 3.0; 3]),
-            ([1.25, 0.25, -0.5], [1.0, 0.0, 0.0]),
-            ([0.7, 0.5, -0.6], [0.6, 0.4, 0.0]),
-            ([0.0, 0.0, 1.0], [0.0, 0.0, 1.0]),
-        ] {
-            project(&mut weights);
-            assert!(weights.iter().zip(expected).all(|(w, e)| (w - e).abs() < 1e-6), "{weights:?} {expected:?}");
-        }
-    }
 
     /// A bone that stays, and one that a clip lifts by one along y.
     fn lift() -> Model {

@@ -14,4 +14,4 @@ pub use camera::{Camera, Frame, Random, fibonacci_directions, viewpoints};
 pub use picture::{Light, Picture, Renderer};
 pub use raster::{NOTHING, Raster, Rect};
 pub use shading::{Footprint, SurfaceSample, SurfaceSampler};
-pub use view::{Motions, View, take_posed_views, take_views};
+pub use view::{Motions, View, halve_views, take_posed_views, take_views};

@@ -14,6 +14,8 @@ pub enum Light {
     None,
     /// A lamp at the camera: `0.3 + 0.7 |n . v|` of the base colour.
     Head,
+    /// None, and unit normals in place of the base colour: -1 to 1 as fractions of full scale, not encoded.
+    Normals,
 }
 
 /// A square picture, sRGB encoded, colours premultiplied by coverage, rows from the bottom.
@@ -31,6 +33,17 @@ impl Picture {
     pub fn at(&self, i: usize) -> Vec4 {
         let [r, g, b, a] = self.pixels[i].map(f32::from);
         Vec4::new(r, g, b, a) * (1.0 / 255.0)
+    }
+
+    /// At half the size, each pixel the mean of four; `None` if the size is odd.
+    pub fn halved(&self) -> Option<Self> {
+        let size = self.size.is_multiple_of(2).then_some(self.size / 2)?;
+        let pixel = |i: usize| {
+            let k = 2 * (i / size.max(1) * self.size + i % size.max(1));
+            let four = [k, k + 1, k + self.size, k + self.size + 1].map(|k| self.pixels[k]);
+            std::array::from_fn(|lane| ((four.iter().map(|p| u16::from(p[lane])).sum::<u16>() + 2) / 4) as u8)
+        };
+        Some(Self { size, pixels: (0..size * size).map(pixel).collect() })
     }
 
     /// Over a background of one encoded grey, rows from the top.
@@ -203,6 +216,7 @@ impl<'a, 's> Shader<'a, 's> {
         let b = self.barycentric(t, x, y);
         let color = self.sampler.base_color(t, b, self.footprint);
         let rgb = match self.light {
+            Light::Normals => return (self.sampler.normal(t, b, self.footprint) * 0.5 + 0.5).extend(color.w),
             Light::None => color.xyz(),
             Light::Head => {
                 let surface = &self.sampler.model().surface;
@@ -260,6 +274,14 @@ mod tests {
     }
 
     #[test]
+    fn a_picture_of_half_the_size_has_means_of_four() {
+        let pixels = (0..16).map(|i| [10 * i, 255, 0, i]).collect();
+        let half = Picture { size: 4, pixels }.halved().expect("even");
+        assert_eq!(half.pixels, [[25, 255, 0, 3], [45, 255, 0, 5], [105, 255, 0, 11], [125, 255, 0, 13]]);
+        assert_eq!(Picture { size: 1, pixels: vec![[0; 4]] }.halved(), None);
+    }
+
+    #[test]
     fn base_colour_is_encoded_to_srgb() {
         let model = card(vec![paint(0.5, 1.0, AlphaMode::Opaque)]);
         assert_eq!(centre_pixel(&model, Light::None), [188, 0, 0, 255]);
@@ -281,6 +303,14 @@ mod tests {
     fn a_headlight_from_the_front_changes_nothing() {
         let model = card(vec![paint(1.0, 1.0, AlphaMode::Opaque)]);
         assert_eq!(centre_pixel(&model, Light::Head), [255, 0, 0, 255]);
+    }
+
+    #[test]
+    fn normals_are_fractions_of_full_scale() {
+        let mut model = card(vec![Material::default()]);
+        model.surface.normals = vec![Vec3::new(-0.6, 0.0, 0.8); 4];
+        let [x, y, z, alpha] = centre_pixel(&model, Light::Normals);
+        assert!(x.abs_diff(51) <= 1 && y.abs_diff(128) <= 1 && z.abs_diff(230) <= 1 && alpha == 255, "{x} {y} {z}");
     }
 
     #[test]

@@ -13,6 +13,8 @@ pub struct View {
     pub pose: Option<usize>,
     /// The source, premultiplied over nothing.
     pub picture: Picture,
+    /// The source's normals, as [`Light::Normals`], where they count.
+    pub normals: Option<Picture>,
 }
 
 /// Takes the source's picture from every camera, `size` pixels wide, each the mean of 2 x 2 points.
@@ -31,6 +33,27 @@ pub fn take_posed_views(
     take(sampler, positions, cameras, size, Some(pose))
 }
 
+/// The same views at half the size, with the source's normals if `normals`; `posed` has the source's vertices in a pose.
+/// None if the size is odd.
+pub fn halve_views(
+    sampler: &SurfaceSampler<'_>,
+    views: &[View],
+    posed: impl Fn(usize) -> Vec<Vec3> + Sync,
+    normals: bool,
+) -> Vec<View> {
+    let size = views.first().map_or(0, |view| view.picture.size / 2);
+    let halve = |renderer: &mut Renderer<'_>, view: &View| {
+        let picture = view.picture.halved()?;
+        let normals = normals.then(|| match view.pose {
+            None => renderer.draw(&view.camera, Light::Normals),
+            Some(pose) => renderer.draw_moved(&posed(pose), &view.camera, Light::Normals),
+        });
+        Some(View { camera: view.camera, pose: view.pose, picture, normals })
+    };
+    let halved: Option<Vec<View>> = views.par_iter().map_init(|| Renderer::new(sampler, size, 2), halve).collect();
+    halved.unwrap_or_default()
+}
+
 fn take(
     sampler: &SurfaceSampler<'_>,
     positions: &[Vec3],
@@ -40,7 +63,7 @@ fn take(
 ) -> Vec<View> {
     let view = |renderer: &mut Renderer<'_>, camera: &Camera| {
         let picture = renderer.draw_moved(positions, camera, Light::None);
-        View { camera: *camera, pose, picture }
+        View { camera: *camera, pose, picture, normals: None }
     };
     cameras.par_iter().map_init(|| Renderer::new(sampler, size, 2), view).collect()
 }

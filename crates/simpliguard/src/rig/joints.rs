@@ -6,6 +6,9 @@ use glam::{Mat4, Quat, Vec3};
 
 use crate::model::{Model, Pose, Rig};
 
+/// Sine of the angle between the bones at a joint from which on the limb is bent there.
+const BENT: f32 = 0.1;
+
 /// The joints of a rig: the nodes of its bones.
 pub struct Joints<'a> {
     rig: &'a Rig,
@@ -70,9 +73,27 @@ impl<'a> Joints<'a> {
         (before + after.normalize_or_zero()).normalize_or(before)
     }
 
+    /// `joint`, the one above it, and so on.
+    pub fn lineage(&self, joint: usize) -> impl Iterator<Item = usize> + '_ {
+        std::iter::successors(Some(joint), |&joint| self.parents[joint])
+    }
+
+    /// What a joint turns around like a hinge: across the bones that meet at it, or any way across a limb that runs straight
+    /// through it. None for a joint that hangs on no other, or whose limb has no direction.
+    pub fn hinge_axis(&self, joint: usize) -> Option<Vec3> {
+        let before = (self.places[joint] - self.places[self.parents[joint]?]).normalize_or_zero();
+        let limb = self.axis(joint);
+        let normal = before.cross(limb);
+        if normal.length() > BENT {
+            Some(normal.normalize())
+        } else {
+            Some(limb.try_normalize()?.any_orthonormal_vector())
+        }
+    }
+
     /// Whether `joint` is `above` or hangs on it.
     pub fn hangs_on(&self, joint: usize, above: usize) -> bool {
-        std::iter::successors(Some(joint), |&joint| self.parents[joint]).any(|joint| joint == above)
+        self.lineage(joint).any(|joint| joint == above)
     }
 
     /// The rest pose with one joint, and all that hangs on it, turned where it is.
@@ -129,6 +150,18 @@ pub(crate) mod tests {
         assert_eq!([0, 1, 2].map(|joint| joints.parent(joint)), [None, Some(0), Some(1)]);
         assert!(joints.hangs_on(2, 0) && !joints.hangs_on(0, 2));
         assert_eq!([0, 1, 2].map(|joint| joints.axis(joint)), [Vec3::X; 3]);
+    }
+
+    #[test]
+    fn hinges_turn_across_their_limbs() {
+        let mut model = arm();
+        assert!(Joints::of(&model).expect("bones").hinge_axis(1).expect("an axis").dot(Vec3::X).abs() < 1e-6);
+        // The hand is moved sideways: the elbow turns across the arm's plane.
+        let rig = model.rig.as_mut().expect("bones");
+        rig.bones[2].rest_world = Mat4::from_translation(Vec3::new(1.5, 1.0, 0.0));
+        let joints = Joints::of(&model).expect("bones");
+        assert!(joints.hinge_axis(1).expect("an axis").dot(Vec3::Z) > 0.999);
+        assert_eq!(joints.hinge_axis(0), None);
     }
 
     #[test]

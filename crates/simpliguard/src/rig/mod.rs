@@ -13,6 +13,8 @@
 //! A few frames of the source's clips, chosen to stand for all of them ([`Poses`]), go with the rest pose through every
 //! later decision: what can be seen, which edges collapse, which candidate wins, where vertices and texels end up.
 
+mod bones;
+mod fit;
 mod inpaint;
 pub(crate) mod joints;
 mod kd_tree;
@@ -30,6 +32,7 @@ use glam::Vec3;
 use crate::mesh::TriMesh;
 use crate::model::Influences;
 
+pub use bones::StandIns;
 pub use joints::Joints;
 pub use morphs::transfer_morphs;
 pub use motion::Skinning;
@@ -37,7 +40,12 @@ pub(crate) use motion::{bind_spaces, is_invertible, to_bind_space};
 pub use parts::Donor;
 pub use planes::{JointPlane, Split, joint_planes, split_along};
 pub use poses::Poses;
-pub(crate) use weights::ordered;
+pub(crate) use weights::{ordered, project};
+
+/// Farthest point of the source that counts, as a fraction of the diagonal of its bounding box.
+const MAX_DISTANCE: f32 = 0.05;
+/// Largest angle between the normals there, in degrees.
+const MAX_ANGLE: f32 = 90.0;
 
 /// How influences are found.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -61,7 +69,7 @@ impl Default for Transfer {
     /// Normals only tell the two sides of a sheet apart: a coarse level's own normals stray far from the source's, so
     /// that 30 degrees, as published, reject good matches at every crease and leave worse motion behind.
     fn default() -> Self {
-        Self::ClosestSurface { max_distance: 0.05, max_angle: 90.0 }
+        Self::ClosestSurface { max_distance: MAX_DISTANCE, max_angle: MAX_ANGLE }
     }
 }
 
@@ -98,6 +106,23 @@ pub fn transfer(
     }
 }
 
+/// Weights of `mesh`, a level in the rest pose with these `influences`, fitted to the poses over its whole surface: points
+/// between its vertices follow the source too. Bones stay, and nothing changes where the source is too far.
+pub fn fit(donor: &Donor<'_>, poses: &Poses<'_>, mesh: &TriMesh, influences: Vec<Influences>) -> Vec<Influences> {
+    if influences.is_empty() {
+        return influences;
+    }
+    fit::fit(donor, poses, mesh, influences, limits(donor, MAX_DISTANCE, MAX_ANGLE))
+}
+
+fn limits(donor: &Donor<'_>, max_distance: f32, max_angle: f32) -> surface::Limits {
+    let (low, high) = crate::mesh::bounds(&donor.model.surface.positions);
+    surface::Limits {
+        distance: max_distance * low.distance(high),
+        cosine: libm::cosf(max_angle.clamp(0.0, 180.0).to_radians()),
+    }
+}
+
 fn closest_surface(
     donor: &Donor<'_>,
     mesh: &TriMesh,
@@ -105,12 +130,7 @@ fn closest_surface(
     max_distance: f32,
     max_angle: f32,
 ) -> (Vec<Influences>, TransferReport) {
-    let (low, high) = crate::mesh::bounds(&donor.model.surface.positions);
-    let limits = surface::Limits {
-        distance: max_distance * (high - low).length(),
-        cosine: libm::cosf(max_angle.clamp(0.0, 180.0).to_radians()),
-    };
-    let samples = surface::sample(donor, mesh, normals, limits);
+    let samples = surface::sample(donor, mesh, normals, limits(donor, max_distance, max_angle));
     let matched: Vec<bool> = samples.iter().map(|s| s.is_match).collect();
     let forced = inpaint::unreachable(mesh, &matched);
     let known: Vec<bool> = matched.iter().zip(&forced).map(|(m, f)| m | f).collect();

@@ -1,9 +1,9 @@
 //! The poses that levels are fitted to besides the rest pose.
 
-use glam::{Affine3A, DMat4, Vec3};
+use glam::{Affine3A, DMat4, Quat, Vec3};
 use rayon::prelude::*;
 
-use super::{Skinning, surface};
+use super::{Joints, Skinning, surface};
 use crate::mesh::TriMesh;
 use crate::model::{Influences, Model, Pose, Surface};
 use crate::render::Motions;
@@ -14,7 +14,11 @@ const SAMPLES: usize = 512;
 /// Least gain of a pose, as a part of the squared extent of the rest pose.
 const LEAST_GAIN: f64 = 1e-6;
 
-/// Frames of the source's clips that stand for all of them, the most telling first.
+/// How far joints are turned where there are no clips, in radians.
+const TURN: f32 = std::f32::consts::FRAC_PI_4;
+
+/// Frames of the source's clips that stand for all of them, the most telling first; without clips the rest pose with one
+/// joint turned either way like a hinge.
 pub struct Poses<'a> {
     model: &'a Model,
     skinning: Skinning<'a>,
@@ -25,11 +29,13 @@ pub struct Poses<'a> {
 }
 
 impl<'a> Poses<'a> {
-    /// Up to `most` poses, the first `n` of which decide on the shape; none for a model without bones or without clips
-    /// that move them.
+    /// Up to `most` poses, the first `n` of which decide on the shape; none for a model without bones, or with clips that do
+    /// not move them.
     pub fn of(model: &'a Model, n: usize, most: usize, cancellation: &Cancellation) -> Option<Self> {
         let skinning = Skinning::of(model).filter(|_| n > 0)?;
-        let chosen = representative(&skinning, &model.surface, most.max(n), cancellation);
+        let turned = if skinning.poses().is_empty() { turned_joints(model) } else { Vec::new() };
+        let all = if turned.is_empty() { skinning.poses() } else { &turned };
+        let chosen = representative(&skinning, all, &model.surface, most.max(n), cancellation);
         let bones: Vec<Vec<DMat4>> = chosen.iter().map(|pose| skinning.bones(pose)).collect();
         (!bones.is_empty()).then(|| Self { model, skinning, decisive: n.min(bones.len()), bones })
     }
@@ -37,6 +43,11 @@ impl<'a> Poses<'a> {
     /// How many decide on the shape.
     pub fn count(&self) -> usize {
         self.decisive
+    }
+
+    /// The matrix of each bone in each pose.
+    pub(crate) fn bones(&self) -> &[Vec<DMat4>] {
+        &self.bones
     }
 
     /// How many there are.
@@ -85,6 +96,17 @@ impl<'a> Poses<'a> {
     }
 }
 
+/// The rest pose with each joint turned, both ways.
+fn turned_joints(model: &Model) -> Vec<Pose> {
+    let Some(joints) = Joints::of(model) else { return Vec::new() };
+    let turned = |joint: usize| {
+        let axis = joints.hinge_axis(joint);
+        axis.into_iter().flat_map(move |axis| [(joint, axis, TURN), (joint, axis, -TURN)])
+    };
+    let hinges = (0..joints.count()).flat_map(turned);
+    hinges.map(|(joint, axis, turn)| joints.turned(joint, Quat::from_axis_angle(axis, turn))).collect()
+}
+
 /// Moves each position by its own motion.
 fn moved(positions: &[Vec3], motions: &[Affine3A]) -> Vec<Vec3> {
     positions.iter().zip(motions).map(|(&p, motion)| motion.transform_point3(p)).collect()
@@ -92,13 +114,13 @@ fn moved(positions: &[Vec3], motions: &[Affine3A]) -> Vec<Vec3> {
 
 /// Up to `n` poses that, with the rest pose, stand best for all of them: each brings the mean squared distance between
 /// the poses and the nearest chosen one down as far as any can. Where the model stands makes no difference.
-fn representative<'a>(
-    skinning: &Skinning<'a>,
+fn representative<'p>(
+    skinning: &Skinning<'_>,
+    poses: &'p [Pose],
     surface: &Surface,
     n: usize,
     cancellation: &Cancellation,
-) -> Vec<&'a Pose> {
-    let poses = skinning.poses();
+) -> Vec<&'p Pose> {
     let step = surface.positions.len().div_ceil(SAMPLES).max(1);
     let influences: Vec<Influences> = surface.influences.iter().step_by(step).copied().collect();
     let rest: Vec<Vec3> = surface.positions.iter().step_by(step).copied().collect();
@@ -161,10 +183,23 @@ mod tests {
     fn poses_far_from_each_other_are_chosen_and_repeated_ones_are_not() {
         let model = model(&[0.0, 1.5, 0.0, 1.5, -1.5]);
         let skinning = Skinning::of(&model).expect("bones");
-        let chosen = representative(&skinning, &model.surface, 4, &Cancellation::default());
+        let chosen = representative(&skinning, skinning.poses(), &model.surface, 4, &Cancellation::default());
         assert_eq!(chosen.iter().map(|p| p.frame).collect::<Vec<_>>(), [Some((1, 0.0)), Some((4, 0.0))]);
         let poses = Poses::of(&model, 1, 4, &Cancellation::default()).expect("it moves");
         assert_eq!((poses.count(), poses.all()), (1, 2));
+    }
+
+    #[test]
+    fn a_rig_without_clips_is_turned_at_its_joints() {
+        let mut model = crate::rig::joints::tests::arm();
+        model.surface.positions = (0..9).map(|i| Vec3::new(0.25 * i as f32, 0.1, 0.1)).collect();
+        model.surface.influences = (0..9).map(|i| Influences::rigid(i / 4)).collect();
+        let poses = Poses::of(&model, 2, 8, &Cancellation::default()).expect("it turns");
+        // The elbow and the wrist, both ways.
+        assert_eq!((poses.count(), poses.all()), (2, 4));
+        let (rest, elbow) = (&model.surface.positions, poses.source_in(0));
+        assert!(elbow[..4].iter().zip(rest).all(|(p, q)| p.distance(*q) < 1e-6));
+        assert!(elbow[4..].iter().zip(&rest[4..]).all(|(p, q)| p.distance(*q) > 0.05));
     }
 
     #[test]

@@ -70,9 +70,38 @@ pub(crate) fn ordered(influences: &Influences) -> Influences {
     weights.strongest()
 }
 
+/// The closest point with coordinates of at least zero that sum to one (Duchi et al. 2008).
+pub(crate) fn project(weights: &mut [f32]) {
+    let mut falling = weights.to_vec();
+    falling.sort_by(|a, b| b.total_cmp(a));
+    let mut sum = 0.0;
+    let mut shift = 0.0;
+    for (k, weight) in falling.into_iter().enumerate() {
+        sum += weight;
+        let next = (sum - 1.0) / (k + 1) as f32;
+        if weight - next > 0.0 {
+            shift = next;
+        }
+    }
+    weights.iter_mut().for_each(|w| *w = (*w - shift).max(0.0));
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn what_lies_off_the_simplex_goes_to_its_nearest_point() {
+        for (mut weights, expected) in [
+            ([0.5, 0.5, 0.5], [1.0 / 3.0; 3]),
+            ([1.25, 0.25, -0.5], [1.0, 0.0, 0.0]),
+            ([0.7, 0.5, -0.6], [0.6, 0.4, 0.0]),
+            ([0.0, 0.0, 1.0], [0.0, 0.0, 1.0]),
+        ] {
+            project(&mut weights);
+            assert!(weights.iter().zip(expected).all(|(w, e)| (w - e).abs() < 1e-6), "{weights:?} {expected:?}");
+        }
+    }
 
     #[test]
     fn the_four_largest_stay_and_fall() {

@@ -95,6 +95,28 @@ choice! {
     }
 }
 
+choice! {
+    /// What a texture is made of before it is fitted to the views.
+    pub enum InitialTexture {
+        /// What the source shows along the level's normals.
+        #[default]
+        Baked,
+        /// One grey.
+        Grey,
+    }
+}
+
+choice! {
+    /// How textures are fitted to the views.
+    pub enum TextureSolver {
+        /// The exact minimum of the squared error, by conjugate gradients.
+        #[default]
+        LeastSquares,
+        /// `texture_steps` steps of descent, as in the paper.
+        Adam,
+    }
+}
+
 /// A built-in value for each quality.
 struct PerQuality<T> {
     draft: T,
@@ -305,6 +327,9 @@ settings! {
     watertight: bool = always(false), Limit::None, [Shape];
     /// How a level gets its joint weights.
     skin_transfer: SkinTransfer = always(SkinTransfer::ClosestSurface), Limit::None, [Rig];
+    /// Joints that move less than so many faces of a level, with all that hangs on them, give way to the joint above in it, and
+    /// its skin lists only those that are left; 0 keeps all.
+    bone_faces: f32 = always(0.0), Limit::Between(0.0, 1000.0), [Rig, Export];
     /// What becomes of the source's morph targets.
     morph_targets: MorphTargets = always(MorphTargets::Transfer), Limit::None, [Rig];
     /// Whether and when faces are split along the planes where limbs bend. Their number is kept free in each budget.
@@ -312,8 +337,8 @@ settings! {
     /// Largest difference of the two largest weights of a vertex between two bones (delta in the paper), which is where
     /// the planes are.
     joint_delta: f32 = always(0.1), Limit::Between(0.001, 1.0), [Shape, Rig];
-    /// Number of frames of the source's clips that decide on the shape of levels besides the rest pose; what follows is
-    /// fitted to half as many as there are views. 0 takes the rest pose alone.
+    /// Number of frames of the source's clips, or of turns of its joints if it has none, that decide on the shape of levels
+    /// besides the rest pose; what follows is fitted to half as many as there are views. 0 takes the rest pose alone.
     poses: u32 = by_quality(2, 4, 6), Limit::Between(0.0, 16.0), [Reconstruct, Shape, Texture, Refine];
     /// Side of each level's square textures, in texels; levels of at most 1,000 faces get half of it.
     texture_size: u32 = always(1024), Limit::PowerOfTwo(64, 4096), [Unwrap, Texture, Refine];
@@ -328,12 +353,36 @@ settings! {
     views: u32 = by_quality(32, 48, 80), Limit::Between(8.0, 256.0), [Shape, Texture, Refine];
     /// Side of each square view, in pixels.
     view_size: u32 = always(512), Limit::Between(128.0, 2048.0), [Shape, Texture, Refine];
+    /// Whether differentiable rendering fits texture and vertices to the views; if not, both stay as they were made.
+    refine: bool = always(true), Limit::None, [Refine];
     /// Number of optimisation steps by differentiable rendering; 0 leaves the vertices where they are.
     refine_steps: u32 = by_quality(0, 120, 300), Limit::Between(0.0, 2000.0), [Refine];
-    /// Whether refinement moves joint weights too, to fit the poses.
-    refine_weights: bool = always(true), Limit::None, [Refine];
+    /// Part of the steps, the first ones, that compare pictures of half the size: they cost a quarter. Worth it where triangles
+    /// are large.
+    coarse_steps: f32 = always(0.0), Limit::Between(0.0, 1.0), [Refine];
+    /// Whether joint weights are fitted to the poses: over the faces between vertices first, and then together with the
+    /// vertices.
+    refine_weights: bool = always(true), Limit::None, [Rig, Refine];
+    /// What a texture is made of before it is fitted to the views. Cut-outs are always baked.
+    initial_texture: InitialTexture = always(InitialTexture::Baked), Limit::None, [Texture, Refine];
+    /// How textures are fitted to the views.
+    texture_solver: TextureSolver = always(TextureSolver::LeastSquares), Limit::None, [Refine];
+    /// Number of steps each time `texture_solver: Adam` fits a texture.
+    texture_steps: u32 = always(200), Limit::Between(0.0, 5000.0), [Refine];
     /// How strongly neighbouring texels are pulled together where the views say little.
     texture_smoothness: f32 = always(0.1), Limit::Between(0.0, 10.0), [Texture, Refine];
+    /// Weight of the error of the image gradient, the image's own being 1 (`L_img` in the paper), where vertices are moved
+    /// and where textures are fitted by `Adam`.
+    gradient_weight: f32 = always(0.5), Limit::Between(0.0, 10.0), [Refine];
+    /// Weight of the error of normals, seen as colours, beside that of colours in `coarse_steps`.
+    shading_weight: f32 = always(0.0), Limit::Between(0.0, 10.0), [Refine];
+    /// Weight of the Laplacian of how far vertices have moved (`L_laplacian` in the paper), in squared radii of the model.
+    laplacian_weight: f32 = always(0.02), Limit::Between(0.0, 10.0), [Refine];
+    /// Weight of the mean squared distance to the source, in squared mean edges of the level: what pictures do not tell stays
+    /// near the surface.
+    distance_weight: f32 = always(3.0), Limit::Between(0.0, 1000.0), [Refine];
+    /// Weight of the cosines between neighbouring vertex normals (`L_normal` in the paper).
+    normal_weight: f32 = always(0.0), Limit::Between(0.0, 10.0), [Refine];
     /// Longest way of a vertex in one step, as a fraction of the mean edge length.
     step_length: f32 = always(0.01), Limit::Between(0.0001, 0.1), [Refine];
 }

@@ -20,8 +20,8 @@ mod text;
 mod value;
 
 pub use fields::{
-    BakeOverrides, BakeSettings, Candidates, ExistingLods, FieldInfo, JointPlanes, MorphTargets, Quality, SkinTransfer,
-    SourceGeometry, reference,
+    BakeOverrides, BakeSettings, Candidates, ExistingLods, FieldInfo, InitialTexture, JointPlanes, MorphTargets,
+    Quality, SkinTransfer, SourceGeometry, TextureSolver, reference,
 };
 pub use importance::Importance;
 pub use meta::parse_meta;

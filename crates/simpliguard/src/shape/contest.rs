@@ -13,6 +13,8 @@ const TANGLED: f64 = 1.26;
 const WITHIN_REACH: f64 = 1.6;
 /// How much larger the score of a shape gets that is twice as far from the source as the closest one, as a part of it.
 const DISTANCE_WEIGHT: f64 = 0.15;
+/// As [`DISTANCE_WEIGHT`], for a shape all of whose faces pass through others.
+const CROSSING_WEIGHT: f64 = 0.3;
 /// Distances below this are equal, as a fraction of the diagonal of the source's bounding box.
 const EQUAL_DISTANCE: f32 = 2e-5;
 
@@ -61,7 +63,9 @@ impl Contest {
         let distance = |shape: &Shape| f64::from(shape.deviation.mean.max(EQUAL_DISTANCE));
         let closest = self.0.iter().map(distance).fold(f64::INFINITY, f64::min);
         let tangled = shape.self_intersecting as f64 / shape.mesh.triangles.len().max(1) as f64;
-        shape.render_error * (1.0 + DISTANCE_WEIGHT * (distance(shape) / closest - 1.0)) * (1.0 + tangled)
+        shape.render_error
+            * (1.0 + DISTANCE_WEIGHT * (distance(shape) / closest - 1.0))
+            * (1.0 + CROSSING_WEIGHT * tangled)
     }
 }
 

@@ -26,7 +26,7 @@ pub struct Deviation {
 }
 
 /// Measures levels against one source.
-pub(super) struct Gauge<'a> {
+pub struct Gauge<'a> {
     solid: &'a Solid,
     diagonal: f32,
     /// Points of the source that can be seen.
@@ -34,7 +34,8 @@ pub(super) struct Gauge<'a> {
 }
 
 impl<'a> Gauge<'a> {
-    pub(super) fn new(solid: &'a Solid) -> Self {
+    /// Finds the points of the source that can be seen.
+    pub fn new(solid: &'a Solid) -> Self {
         let (low, high) = bounds(&solid.mesh.positions);
         let diagonal = low.distance(high).max(f32::MIN_POSITIVE);
         let directions = fibonacci_directions(2 * RAYS);
@@ -50,7 +51,7 @@ impl<'a> Gauge<'a> {
     }
 
     /// Distances between the level and the visible part of the source, both ways.
-    pub(super) fn measure(&self, level: &TriMesh) -> Deviation {
+    pub fn measure(&self, level: &TriMesh) -> Deviation {
         let bvh = Bvh::new(&level.positions, &level.triangles);
         let distance =
             |bvh: &Bvh, p: Vec3| bvh.closest(p, f32::INFINITY).map_or(0.0, |hit| hit.distance / self.diagonal);

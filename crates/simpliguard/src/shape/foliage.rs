@@ -6,7 +6,7 @@
 
 use glam::{Mat3, Vec3};
 
-use super::{Gauge, Inputs, Params, Road, Shape, collapse_dense, visibility, weld};
+use super::{Inputs, Params, Road, Shape, collapse_dense, visibility, weld};
 use crate::mesh::{DisjointSets, TriMesh, bounds};
 
 /// Group of faces that are no card, and of triangles that are no leaf.
@@ -49,10 +49,9 @@ struct Foliage {
 /// One shape per budget if the source is foliage, else `None`.
 pub(super) fn shapes(inputs: &Inputs<'_>, params: &Params) -> Option<Vec<Shape>> {
     let foliage = Foliage::find(inputs)?;
-    let gauge = Gauge::new(inputs.solid);
     let shape = |&budget: &u32| {
         let mut shape = foliage.shape(inputs, params, budget);
-        shape.deviation = gauge.measure(&shape.mesh);
+        shape.deviation = inputs.gauge.measure(&shape.mesh);
         shape
     };
     Some(params.budgets.iter().map(shape).collect())

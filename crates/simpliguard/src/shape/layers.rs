@@ -135,7 +135,7 @@ mod tests {
     use crate::model::{Bone, Influences, Material, Model, Pose, Rig, Surface};
     use crate::render::{Frame, SurfaceSampler};
     use crate::rig::Donor;
-    use crate::shape::Solid;
+    use crate::shape::{Gauge, Solid};
 
     /// Two unit cubes, one on the other with a gap of a thousandth, a bone each; a clip lifts the upper one by `lift`.
     fn stacked(lift: f32) -> Model {
@@ -161,12 +161,13 @@ mod tests {
     fn components(model: &Model) -> usize {
         let bvh = Bvh::new(&model.surface.positions, &model.surface.triangles);
         let sampler = SurfaceSampler::new(model);
-        let poses = Poses::of(model, 1, 1, &Cancellation::default());
+        let (solid, poses) = (Solid::of(&sampler), Poses::of(model, 1, 1, &Cancellation::default()));
         let inputs = Inputs {
             model,
             bvh: &bvh,
             donor: &Donor::new(model, &bvh),
-            solid: &Solid::of(&sampler),
+            solid: &solid,
+            gauge: &Gauge::new(&solid),
             frame: Frame::around(&model.surface.positions),
             views: &[],
             poses: poses.as_ref(),

@@ -14,6 +14,7 @@ mod deviation;
 mod foliage;
 mod importance;
 mod layers;
+mod params;
 mod quadric;
 mod solid;
 mod visibility;
@@ -27,15 +28,15 @@ use crate::model::{Influences, Model};
 use crate::objects::{form_key, road_key};
 use crate::reconstruct;
 use crate::render::{Frame, Motions, View};
-use crate::rig::{self, Donor, JointPlane, Poses, Transfer};
+use crate::rig::{self, Donor, Poses, Transfer};
 use crate::{Bvh, Cancellation, Context, Error, StageId};
 use collapse::Simplifier;
 use contest::{Contest, is_tangled};
-use deviation::Gauge;
 
-pub use deviation::Deviation;
+pub use deviation::{Deviation, Gauge};
 pub use foliage::{Cards, NO_CARD};
 pub use importance::Importance;
+pub use params::{JointPlanes, Params};
 pub use solid::Solid;
 
 /// Directions that a mesh in the rest pose is looked at from.
@@ -48,42 +49,10 @@ const RINGS: usize = 2;
 const NEGLIGIBLE_FACES: f64 = 0.75;
 
 /// Largest part of a budget that is kept for the faces along joint planes.
-const MOST_RESERVED: f64 = 0.25;
+const MOST_RESERVED: f64 = 0.08;
 
 /// How far vertices in one place are moved apart, as a part of the frame's radius.
 const PARTED: f32 = 2e-5;
-
-/// How to find the shape.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Params {
-    /// Face budgets, ascending.
-    pub budgets: Vec<u32>,
-    /// Reconstructions to try.
-    pub reconstructions: Vec<reconstruct::Params>,
-    /// Tried only where the best shape passes through itself.
-    pub finer: Option<reconstruct::Params>,
-    /// Whether to try the source's own triangles.
-    pub source: bool,
-    /// Whether foliage becomes cards.
-    pub cards: bool,
-    /// Faces that nothing sees are dropped.
-    pub remove_invisible: bool,
-    /// Part of a face's quadric weight that comes from how large it appears rather than from its area, 0 to 1.
-    pub visible_weight: f64,
-    /// Weight of the curvature constraint (alpha in the paper).
-    pub curvature: f64,
-    /// Planes that faces are kept for, and split along.
-    pub joint_planes: JointPlanes,
-}
-
-/// Planes along which a shape is split once it is made, within its budget.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct JointPlanes {
-    /// The planes, the most important first.
-    pub planes: Vec<JointPlane>,
-    /// The shape is split at once; if not, it has as many faces less, for a later stage to split.
-    pub split: bool,
-}
 
 /// Where a shape came from.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -142,6 +111,8 @@ pub struct Inputs<'a> {
     pub donor: &'a Donor<'a>,
     /// Its triangles that can be seen at all.
     pub solid: &'a Solid,
+    /// Measures distances to them.
+    pub gauge: &'a Gauge<'a>,
     /// Around the source.
     pub frame: Frame,
     /// The source's pictures, in the rest pose and in `poses`.
@@ -241,21 +212,20 @@ struct Judges<'a> {
     views: Vec<&'a View>,
     /// A factor for each of their pixels; empty if all count alike.
     weights: Vec<Vec<f32>>,
-    gauge: Gauge<'a>,
 }
 
 impl<'a> Judges<'a> {
     fn new(inputs: &Inputs<'a>) -> Self {
         let views: Vec<&View> = inputs.views.iter().step_by(3).collect();
         let weights = inputs.importance.map(|i| i.of_pixels(inputs.model, inputs.poses, &views)).unwrap_or_default();
-        Self { views, weights, gauge: Gauge::new(inputs.solid) }
+        Self { views, weights }
     }
 
     fn judge(&self, inputs: &Inputs<'_>, shape: &mut Shape) {
         let (mesh, double_sided) = (&shape.mesh, shape.double_sided);
         let motions = inputs.motions(mesh);
         let render_error = candidates::render_error(mesh, &motions, double_sided, &self.views, &self.weights);
-        let (deviation, self_intersecting) = (self.gauge.measure(mesh), tangled_faces(mesh));
+        let (deviation, self_intersecting) = (inputs.gauge.measure(mesh), tangled_faces(mesh));
         (shape.render_error, shape.deviation, shape.self_intersecting) = (render_error, deviation, self_intersecting);
     }
 }

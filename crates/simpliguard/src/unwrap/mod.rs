@@ -82,6 +82,8 @@ pub struct Atlas {
     pub fill: f32,
     /// Area-weighted L2 stretch (Sander et al. 2001) relative to each chart's mean density; 1 = isometric.
     pub stretch: f32,
+    /// The same in the L-infinity norm: the largest of any face.
+    pub worst_stretch: f32,
     /// Texels per unit of length where the importance is 1.
     pub texels_per_unit: f32,
 }
@@ -142,9 +144,10 @@ fn collapsed_faces(flat: &FlatChart, uv: &[DVec2]) -> Vec<bool> {
 fn atlas(surface: &Surface, charts: &[FlatChart], layout: &Layout, params: &UnwrapParams) -> Atlas {
     let mut uvs = vec![[Vec2::ZERO; 3]; surface.faces()];
     let mut chart = vec![0; surface.faces()];
-    let (mut energy, mut area) = (0.0, 0.0);
+    let (mut energy, mut area, mut worst) = (0.0, 0.0, 1.0f64);
     for (c, (flat, uv)) in charts.iter().zip(&layout.uv).enumerate() {
         energy += quality::stretch_energy(surface, &flat.chart, &flat.uv);
+        worst = worst.max(quality::worst_stretch(surface, &flat.chart, &flat.uv));
         for (i, &f) in flat.chart.faces.iter().enumerate() {
             uvs[f as usize] = flat.chart.triangle(uv, i).map(|p| p.as_vec2().clamp(Vec2::ZERO, Vec2::ONE));
             chart[f as usize] = c as u32;
@@ -157,6 +160,7 @@ fn atlas(surface: &Surface, charts: &[FlatChart], layout: &Layout, params: &Unwr
         chart,
         charts: charts.len(),
         stretch: if area > 0.0 { (energy / area).sqrt() as f32 } else { 1.0 },
+        worst_stretch: worst as f32,
         texels_per_unit: (layout.density * f64::from(params.size.max(1)) * surface.units) as f32,
     }
 }

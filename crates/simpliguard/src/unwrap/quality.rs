@@ -42,17 +42,32 @@ pub(super) fn stretch_energy(surface: &Surface, chart: &Chart, uv: &[DVec2]) -> 
     chart.faces.iter().enumerate().map(energy).sum()
 }
 
+/// The largest singular value of the map from the texture to the surface (Sander et al. 2001), over the faces; infinite
+/// where a face has no area.
+pub(super) fn worst_stretch(surface: &Surface, chart: &Chart, uv: &[DVec2]) -> f64 {
+    let largest = |(i, &f): (usize, &u32)| linf_squared(&chart.triangle(uv, i), &surface.flat[f as usize]);
+    chart.faces.iter().enumerate().map(largest).fold(0.0, f64::max).sqrt()
+}
+
 /// Half the squared Frobenius norm of the map from `t` to `z`.
 fn l2_squared(t: &[DVec2; 3], z: &[DVec2; 3]) -> f64 {
+    derivatives(t, z).map_or(f64::INFINITY, |[u, v]| 0.5 * (u.length_squared() + v.length_squared()))
+}
+
+/// The squared spectral norm of the map from `t` to `z`.
+fn linf_squared(t: &[DVec2; 3], z: &[DVec2; 3]) -> f64 {
+    derivatives(t, z).map_or(f64::INFINITY, |[u, v]| {
+        let (a, b, c) = (u.length_squared(), u.dot(v), v.length_squared());
+        0.5 * (a + c + ((a - c) * (a - c) + 4.0 * b * b).sqrt())
+    })
+}
+
+/// Derivatives of the map from `t` to `z` along both axes; `None` if `t` has no area or is turned over.
+fn derivatives(t: &[DVec2; 3], z: &[DVec2; 3]) -> Option<[DVec2; 2]> {
     let doubled = doubled_area(t);
-    if doubled <= 0.0 {
-        return f64::INFINITY;
-    }
-    let (dx, dy) = (
-        z[0] * (t[1].y - t[2].y) + z[1] * (t[2].y - t[0].y) + z[2] * (t[0].y - t[1].y),
-        z[0] * (t[2].x - t[1].x) + z[1] * (t[0].x - t[2].x) + z[2] * (t[1].x - t[0].x),
-    );
-    0.5 * (dx.length_squared() + dy.length_squared()) / (doubled * doubled)
+    let along_x = z[0] * (t[1].y - t[2].y) + z[1] * (t[2].y - t[0].y) + z[2] * (t[0].y - t[1].y);
+    let along_y = z[0] * (t[2].x - t[1].x) + z[1] * (t[0].x - t[2].x) + z[2] * (t[1].x - t[0].x);
+    (doubled > 0.0).then(|| [along_x, along_y].map(|d| d / doubled))
 }
 
 /// Whether the scaled map is injective with room to spare: every triangle counter-clockwise and the boundary free of
@@ -128,5 +143,8 @@ mod tests {
         assert_eq!(l2_squared(&z.map(|p| 2.0 * p), &z), 0.25);
         assert_eq!(l2_squared(&z.map(|p| p * DVec2::new(0.5, 1.0)), &z), 2.5);
         assert_eq!(l2_squared(&[z[0], z[2], z[1]], &z), f64::INFINITY);
+        assert_eq!(linf_squared(&z.map(|p| 2.0 * p), &z), 0.25);
+        assert_eq!(linf_squared(&z.map(|p| p * DVec2::new(0.5, 1.0)), &z), 4.0);
+        assert_eq!(linf_squared(&[z[0], z[2], z[1]], &z), f64::INFINITY);
     }
 }

@@ -38,6 +38,27 @@ impl Glb {
         self.push_mesh(attributes, material)
     }
 
+    /// Appends such a mesh with morph targets: each moves all its vertices by one of `moves`.
+    pub(super) fn morphing_mesh(
+        mut self,
+        (min, max): ([f32; 3], [f32; 3]),
+        triangles: usize,
+        material: usize,
+        moves: &[[f32; 3]],
+    ) -> Self {
+        let attributes = self.corners(min, max, triangles);
+        let mut target = |by: &[f32; 3]| {
+            let about = json!({ "componentType": 5126, "type": "VEC3", "min": by, "max": by });
+            json!({ "POSITION": self.accessor(&le(&by.repeat(3 * triangles)), about, 12) })
+        };
+        let targets: Vec<Value> = moves.iter().map(&mut target).collect();
+        self = self.push_mesh(attributes, material);
+        let mesh = self.json["meshes"].as_array_mut().and_then(|meshes| meshes.last_mut()).expect("a mesh");
+        mesh["primitives"][0]["targets"] = json!(targets);
+        mesh["weights"] = json!(vec![0.25; moves.len()]);
+        self
+    }
+
     fn corners(&mut self, min: [f32; 3], max: [f32; 3], triangles: usize) -> Value {
         let corners = [min, [max[0], min[1], max[2]], max].concat().repeat(triangles);
         let about = json!({ "componentType": 5126, "type": "VEC3", "min": min, "max": max });

@@ -1,6 +1,7 @@
 //! Whole-app tests, without a window: groups made by hand, and combined files made by hand and loaded from memory.
 
 mod glb;
+mod morphs;
 mod scenes;
 mod skins;
 mod switching;

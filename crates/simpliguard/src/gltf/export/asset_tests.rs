@@ -74,6 +74,7 @@ fn sparse_level(model: &Model, step: usize) -> Level {
     Level {
         budget: mesh.triangles.len() as u32,
         error: 0.0,
+        own_joints: false,
         mesh,
         material: LevelMaterial {
             alpha_mode: AlphaMode::Opaque,

@@ -72,8 +72,9 @@ pub(crate) fn export_in(
     context: &Context<'_>,
 ) -> Result<Vec<u8>, Error> {
     let binding = Binding::new(model, levels)?;
-    let encode = |level| EncodedLevel::new(model, level, binding.as_ref(), context);
-    let encoded = levels.par_iter().map(encode).collect::<Result<Vec<_>, _>>()?;
+    let narrowed: Vec<Option<Binding>> =
+        levels.iter().map(|level| binding.as_ref().and_then(|b| b.narrowed(level))).collect();
+    let encoded = encode(model, levels, binding.as_ref(), &narrowed, context)?;
     let mut out = embed::embed(model)?;
     stamp(&mut out, &options.version);
     let old_levels = hierarchy::remove_lods(&mut out);
@@ -81,15 +82,13 @@ pub(crate) fn export_in(
     let scene = out.default_scene();
     join_roots_of(&mut out, scene, binding.as_ref());
     let roots = hierarchy::with_roots_of(&out, hierarchy::scene_roots(&out, scene), &joints);
-    let writer = Writer {
-        skin: binding.as_ref().map(|b| b.write(&mut out)),
-        sampler: if levels.is_empty() { 0 } else { level::push_sampler(&mut out) },
-        roots,
-        joints,
-    };
+    let shared = binding.as_ref().filter(|_| narrowed.iter().any(Option::is_none)).map(|b| b.write(&mut out));
+    let skins: Vec<Option<usize>> =
+        narrowed.iter().map(|own| own.as_ref().map(|b| b.write(&mut out)).or(shared)).collect();
+    let writer = Writer { sampler: if levels.is_empty() { 0 } else { level::push_sampler(&mut out) }, roots, joints };
     let mut ids = Vec::new();
     let mut morphing = Vec::new();
-    for (k, (level, encoded)) in levels.iter().zip(&encoded).enumerate() {
+    for (k, ((level, encoded), skin)) in levels.iter().zip(&encoded).zip(skins).enumerate() {
         let mut extras = json!({ "simpliguard": {
             "version": options.version,
             "level": k + 1,
@@ -102,7 +101,7 @@ pub(crate) fn export_in(
             extras["simpliguard"]["morphs"] = json!(morphs.node);
         }
         let first = out.all(Kind::Node).len();
-        ids.push(writer.write(&mut out, encoded, k + 1, extras));
+        ids.push(writer.write(&mut out, encoded, k + 1, skin, extras));
         if encoded.morphs() {
             let nodes = first..out.all(Kind::Node).len();
             morphing.extend(nodes.filter(|&node| out.all(Kind::Node)[node].get("mesh").is_some()));
@@ -131,8 +130,8 @@ pub(crate) fn export_in(
 /// # Errors
 /// As [`export`].
 pub fn export_level(model: &Model, level: &Level) -> Result<Vec<u8>, Error> {
-    let levels = std::slice::from_ref(level);
-    let binding = Binding::new(model, levels)?;
+    let binding = Binding::new(model, std::slice::from_ref(level))?;
+    let binding = binding.map(|b| b.narrowed(level).unwrap_or(b));
     let encoded = EncodedLevel::new(model, level, binding.as_ref(), &Context::default())?;
     let mut out = embed::embed(model)?;
     stamp(&mut out, &ExportOptions::default().version);
@@ -205,8 +204,6 @@ fn bare_nodes(out: &mut Builder, roots: &[usize], joints: &[usize]) {
 
 /// Appends levels to a document that has the source in front.
 struct Writer {
-    /// The levels' skin on the source's joints.
-    skin: Option<usize>,
     sampler: usize,
     /// Roots of the default scene, and those over joints outside of it.
     roots: Vec<usize>,
@@ -214,11 +211,11 @@ struct Writer {
 }
 
 impl Writer {
-    /// Appends a level and its scene; returns its node.
-    fn write(&self, out: &mut Builder, level: &EncodedLevel, k: usize, extras: Value) -> usize {
+    /// Appends a level and its scene; returns its node. `skin` is on the source's joints.
+    fn write(&self, out: &mut Builder, level: &EncodedLevel, k: usize, skin: Option<usize>, extras: Value) -> usize {
         let name = format!("LOD{k}");
         let mesh = level.write(out, &name, self.sampler);
-        let skin = self.skin.filter(|_| level.is_skinned());
+        let skin = skin.filter(|_| level.is_skinned());
         let mut node = level_node(&name, mesh, skin);
         node["extras"] = extras;
         let node = out.push(Kind::Node, node);
@@ -255,6 +252,17 @@ fn level_node(name: &str, mesh: usize, skin: Option<usize>) -> Value {
         node["skin"] = json!(skin);
     }
     node
+}
+
+fn encode(
+    model: &Model,
+    levels: &[Level],
+    binding: Option<&Binding>,
+    narrowed: &[Option<Binding>],
+    context: &Context<'_>,
+) -> Result<Vec<EncodedLevel>, Error> {
+    let own = levels.par_iter().zip(narrowed).map(|(level, own)| (level, own.as_ref().or(binding)));
+    own.map(|(level, binding)| EncodedLevel::new(model, level, binding, context)).collect()
 }
 
 /// Names the writer in `asset`; copyright and the rest stay.

@@ -31,6 +31,7 @@ pub(super) struct Binding {
     joint_of_bone: Vec<Option<u16>>,
 }
 
+#[derive(Clone)]
 struct Joint {
     node: usize,
     inverse_bind: Mat4,
@@ -99,6 +100,26 @@ impl Binding {
             out.joint_of_bone[b] = u16::try_from(same_node.unwrap_or(out.joints.len() - 1)).ok();
         }
         out
+    }
+
+    /// Only the joints that a level hangs on, if it wants no others.
+    pub(super) fn narrowed(&self, level: &Level) -> Option<Self> {
+        if !level.own_joints || level.mesh.influences.is_empty() {
+            return None;
+        }
+        let mut used = vec![false; self.joints.len()];
+        for influences in level.mesh.influences.iter().map(|i| self.joints_of(i)) {
+            let slots = influences.joints.iter().zip(influences.weights).filter(|(_, weight)| *weight > 0.0);
+            slots.for_each(|(&joint, _)| used[usize::from(joint)] = true);
+        }
+        let place: Vec<u16> =
+            used.iter().scan(0, |next, &used| Some(std::mem::replace(next, *next + u16::from(used)))).collect();
+        let kept = |joint: u16| used[usize::from(joint)].then(|| place[usize::from(joint)]);
+        Some(Self {
+            source: None,
+            joints: self.joints.iter().zip(&used).filter(|(_, used)| **used).map(|(joint, _)| joint.clone()).collect(),
+            joint_of_bone: self.joint_of_bone.iter().map(|joint| joint.and_then(kept)).collect(),
+        })
     }
 
     /// Whether the skin is made here from several of the source, or from moving mesh nodes.

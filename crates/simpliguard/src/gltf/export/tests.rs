@@ -173,6 +173,7 @@ fn level(budget: u32, skinned: bool) -> Level {
     Level {
         budget,
         error: 0.01,
+        own_joints: false,
         mesh: LevelMesh {
             positions: vec![Vec3::ZERO, Vec3::new(2.0, 0.5, 0.0), Vec3::new(0.0, 4.0, 0.0)],
             normals: vec![Vec3::Z; 3],
@@ -304,6 +305,24 @@ fn a_skinned_levels_scene_has_its_own_joints_and_shares_mesh_and_matrices() {
     assert_eq!(read.len("skins"), 4);
     // The source's mesh node has no copy.
     assert_eq!(read.len("nodes"), 4 + 3 * 5);
+}
+
+#[test]
+fn a_level_on_fewer_joints_has_a_skin_of_its_own_with_the_same_matrices() {
+    let model = two_bones(Some(0));
+    let mut levels = levels(true);
+    levels[0].own_joints = true;
+    levels[0].mesh.influences.fill(Influences::rigid(1));
+    let read = Read::new("narrowed", &export(&model, &levels, &ExportOptions::default()).expect("exports"));
+    let skin = |node: usize| &read.json["skins"][read.json["nodes"][node]["skin"].as_u64().expect("index") as usize];
+    let matrices = |skin: &Value| read.floats(&skin["inverseBindMatrices"], 16);
+    let levels: Vec<usize> =
+        (0..read.len("nodes")).filter(|&n| read.json["nodes"][n].get("extras").is_some()).collect();
+    let [small, large] = [levels[0], levels[1]].map(skin);
+    assert_eq!((&small["joints"], &large["joints"]), (&json!([2]), &json!([1, 2])));
+    assert_eq!(matrices(small)[..], matrices(large)[16..]);
+    let alone = export_level(&model, &Level { own_joints: true, ..level(1000, true) }).expect("exports");
+    assert_eq!(Read::new("alone", &alone).json["skins"][0]["joints"], json!([1, 2]));
 }
 
 #[test]

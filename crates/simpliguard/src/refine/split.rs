@@ -1,0 +1,91 @@
+//! Views to fit and views to judge by.
+
+use rayon::prelude::*;
+
+use super::forward::Frame;
+use super::loss::squared_error;
+use super::{LowPoly, Solver, TextureFit, descend_texture, solve_texture};
+use crate::Cancellation;
+use crate::render::{Picture, Rect, View};
+
+/// One view in this many is held out to judge by.
+const HELD_OUT: usize = 6;
+/// Iterations of the texture's conjugate gradients.
+const SOLVE_ITERATIONS: usize = 30;
+
+pub(super) struct Split<'a> {
+    pub(super) fitted: Vec<&'a View>,
+    /// Pixels that the source covers.
+    pub(super) fitted_rects: Vec<Rect>,
+    held_out: Vec<&'a View>,
+    held_out_rects: Vec<Rect>,
+    cancellation: &'a Cancellation,
+}
+
+impl<'a> Split<'a> {
+    pub(super) fn new(views: &'a [View], cancellation: &'a Cancellation) -> Self {
+        let pick = |held: bool| -> Vec<&View> {
+            let chosen = views.iter().enumerate().filter(|(i, _)| (i % HELD_OUT == HELD_OUT / 2) == held);
+            chosen.map(|(_, v)| v).collect()
+        };
+        let (fitted, held_out) = (pick(false), pick(true));
+        let rects = |views: &[&View]| views.iter().map(|v| covered_rect(&v.picture)).collect();
+        let (fitted_rects, held_out_rects) = (rects(&fitted), rects(&held_out));
+        Self { fitted, fitted_rects, held_out, held_out_rects, cancellation }
+    }
+
+    /// Side of the pictures.
+    pub(super) fn size(&self) -> usize {
+        self.fitted.first().map_or(0, |view| view.picture.size)
+    }
+
+    /// Fits the texture, if it is to be.
+    pub(super) fn fit(&self, low: &mut LowPoly, fit: Option<&TextureFit>) {
+        let Some(&TextureFit { smoothness, solver }) = fit else { return };
+        let (views, rects) = (&self.fitted, &self.fitted_rects);
+        match solver {
+            Solver::LeastSquares => {
+                solve_texture(low, views, rects, smoothness, SOLVE_ITERATIONS, self.cancellation);
+            }
+            Solver::Adam(descent) => {
+                descend_texture(low, views, rects, smoothness, &descent, self.cancellation);
+            }
+        }
+    }
+
+    /// Mean PSNR over the views held out, on white, in dB. Where views have normals, their error counts `shading_weight` times.
+    pub(super) fn judge(&self, low: &LowPoly, shading_weight: f32) -> f32 {
+        let errors: Vec<f64> = self
+            .held_out
+            .par_iter()
+            .zip(&self.held_out_rects)
+            .map_init(
+                || Frame::new(self.held_out[0].picture.size),
+                |frame, (view, rect)| {
+                    frame.render(low, &view.camera, view.pose, *rect);
+                    let mut error = squared_error(frame, &view.picture, 1.0);
+                    if let Some(normals) = view.normals.as_ref().filter(|_| !low.normals.is_empty()) {
+                        frame.paint(low, &low.normals);
+                        error += f64::from(shading_weight) * squared_error(frame, normals, 1.0);
+                    }
+                    error / (3 * frame.size * frame.size) as f64
+                },
+            )
+            .collect();
+        let decibels = |e: &f64| -10.0 * libm::log10(e.max(1e-10));
+        (errors.iter().map(decibels).sum::<f64>() / errors.len().max(1) as f64) as f32
+    }
+}
+
+/// The rectangle of pixels that the source touches.
+fn covered_rect(picture: &Picture) -> Rect {
+    let n = picture.size;
+    let mut rect = Rect { x0: n, y0: n, x1: 0, y1: 0 };
+    for y in 0..n {
+        let row = &picture.pixels[y * n..(y + 1) * n];
+        if let (Some(first), Some(last)) = (row.iter().position(|p| p[3] > 0), row.iter().rposition(|p| p[3] > 0)) {
+            rect = Rect { x0: rect.x0.min(first), x1: rect.x1.max(last + 1), y0: rect.y0.min(y), y1: y + 1 };
+        }
+    }
+    rect
+}

@@ -1,0 +1,128 @@
+//! The texture by gradient descent (paper 3.4), for fixed vertices: what [`super::solve_texture`] does in one solution.
+//!
+//! Over the same pixels: those that lie wholly on the source and on the level.
+
+use glam::Vec4;
+use rayon::prelude::*;
+
+use super::LowPoly;
+use super::adam::Adam;
+use super::backward::Gradients;
+use super::descent::Order;
+use super::forward::Frame;
+use super::loss::Loss;
+use crate::Cancellation;
+use crate::render::{Rect, View};
+
+/// Views a step.
+const BATCH: usize = 2;
+/// First step of a texel, as a part of full scale.
+const RATE: f32 = 0.03;
+/// Factor on it over all steps.
+const DECAY: f32 = 0.1;
+/// Order in which views are taken.
+const SEED: u64 = 1;
+
+/// How to descend.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TextureDescent {
+    /// Steps of [`BATCH`] views.
+    pub steps: u32,
+    /// Weight of the image gradient in the loss.
+    pub gradient_weight: f32,
+}
+
+/// Everything one view of a batch needs.
+struct Lane {
+    frame: Frame,
+    loss: Loss,
+    gradients: Gradients,
+}
+
+/// Moves the texture of `low` towards the one that fits `views` best, starting from the present one. `rects` are the
+/// pixels that the source covers in each view.
+pub fn descend_texture(
+    low: &mut LowPoly,
+    views: &[&View],
+    rects: &[Rect],
+    smoothness: f32,
+    descent: &TextureDescent,
+    cancellation: &Cancellation,
+) {
+    let Some(size) = views.first().map(|view| view.picture.size) else { return };
+    let lane = || Lane { frame: Frame::new(size), loss: Loss::default(), gradients: Gradients::default() };
+    let mut lanes: [Lane; BATCH] = std::array::from_fn(|_| lane());
+    let mut order = Order::new(views.len(), SEED);
+    let mut adam = Adam::new(4 * low.texels.len());
+    let mut seen = low.covered.clone();
+    let mut rate = RATE;
+    let decay = libm::powf(DECAY, 1.0 / descent.steps.max(1) as f32);
+    // Of a texel difference against the errors of one view's pixels, as in the least squares over all of them.
+    let smoothness = smoothness * 2.0 / ((size * size) as f32 * views.len() as f32);
+    let mut gradient = vec![Vec4::ZERO; low.texels.len()];
+    for _ in (0..descent.steps).take_while(|_| !cancellation.is_cancelled()) {
+        let chosen: [usize; BATCH] = std::array::from_fn(|_| order.next());
+        let shared = &*low;
+        lanes.par_iter_mut().zip(chosen).with_max_len(1).for_each(|(lane, i)| {
+            let view = views[i];
+            lane.frame.render(shared, &view.camera, view.pose, rects[i]);
+            lane.loss.run(&lane.frame, &view.picture, 0.0, descent.gradient_weight, 1.0);
+            lane.gradients.run_texture(shared, &lane.frame, &view.picture, &lane.loss.gradient);
+        });
+        gradient.fill(Vec4::ZERO);
+        for lane in &lanes {
+            gradient.iter_mut().zip(&lane.gradients.texels).for_each(|(a, b)| *a += *b / BATCH as f32);
+        }
+        seen.iter_mut().zip(&gradient).for_each(|(seen, g)| *seen |= *g != Vec4::ZERO);
+        add_smoothness(low, smoothness, &mut gradient);
+        adam.step(bytemuck::cast_slice_mut(&mut low.texels), bytemuck::cast_slice(&gradient), rate);
+        rate *= decay;
+    }
+    low.texels.iter_mut().for_each(|texel| *texel = texel.clamp(Vec4::ZERO, Vec4::ONE).with_w(1.0));
+    crate::texture::fill(&mut low.texels, &seen, low.size);
+}
+
+/// The expectation of `L_tex` under small perturbations: adds the gradient of `weight / 2` times the squared differences of
+/// neighbouring texels; returns that loss.
+fn add_smoothness(low: &LowPoly, weight: f32, gradient: &mut [Vec4]) -> f64 {
+    let size = low.size;
+    let mut loss = 0.0;
+    for i in (0..gradient.len()).filter(|&i| low.covered[i]) {
+        for (j, inside) in [(i + 1, i % size + 1 < size), (i + size, i + size < gradient.len())] {
+            if inside && low.covered[j] {
+                let difference = low.texels[i] - low.texels[j];
+                gradient[i] += difference * weight;
+                gradient[j] -= difference * weight;
+                loss += f64::from(0.5 * weight * difference.length_squared());
+            }
+        }
+    }
+    loss
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::mesh::TriMesh;
+    use crate::unwrap::Atlas;
+
+    #[test]
+    fn smoothness_matches_central_differences_and_stays_on_covered_texels() {
+        let texels: Vec<Vec4> = (0..9u8).map(|i| Vec4::new(f32::from(i * i) / 81.0, 0.3, 0.0, 1.0)).collect();
+        let covered = vec![true, true, false, true, true, true, true, true, true];
+        let mut low = LowPoly::new(&TriMesh::default(), &Atlas::default(), false, 3, texels, covered);
+        let mut gradient = vec![Vec4::ZERO; 9];
+        add_smoothness(&low, 0.8, &mut gradient);
+        assert_eq!(gradient[2], Vec4::ZERO);
+        for i in 0..9 {
+            let mut at = |h: f32| {
+                low.texels[i].x += h;
+                let loss = add_smoothness(&low, 0.8, &mut [Vec4::ZERO; 9]);
+                low.texels[i].x -= h;
+                loss
+            };
+            let difference = (at(0.01) - at(-0.01)) / 0.02;
+            assert!((difference - f64::from(gradient[i].x)).abs() < 1e-4, "{difference} {}", gradient[i].x);
+        }
+    }
+}

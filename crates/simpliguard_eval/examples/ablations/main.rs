@@ -1,0 +1,76 @@
+//! What each part of the chain is worth: bakes models with one part after the other switched off (SimpliGuard, Figures 8
+//! and 11), measures what the initial texture saves (Figure 9), and how time grows with the source (Figure 7).
+//!
+//! ```text
+//! cargo run --release -p simpliguard_eval --example ablations -- [--faces 1000,2000,4000] [--views N] [--only TEXT]
+//!     [--set field=value]... [--pictures DIR] [--initialisation] [--runtime] FILE.glb...
+//! ```
+
+mod baking;
+mod initialisation;
+mod runtime;
+mod sphere;
+mod switches;
+
+use std::error::Error;
+use std::path::PathBuf;
+
+use simpliguard::settings::{BakeOverrides, BakeSettings};
+
+/// What was asked for.
+struct Arguments {
+    settings: BakeSettings,
+    views: usize,
+    only: Option<String>,
+    pictures: Option<PathBuf>,
+    initialisation: bool,
+    runtime: bool,
+    files: Vec<PathBuf>,
+}
+
+fn arguments() -> Result<Arguments, Box<dyn Error>> {
+    let mut overrides = BakeOverrides::default();
+    let (mut views, mut only, mut pictures, mut files) = (20, None, None, Vec::new());
+    let (mut initialisation, mut runtime) = (false, false);
+    let mut words = std::env::args().skip(1);
+    while let Some(word) = words.next() {
+        let mut value = || words.next().ok_or_else(|| format!("{word} needs a value"));
+        match word.as_str() {
+            "--faces" => overrides.set("faces", &value()?)?,
+            "--views" => views = value()?.parse()?,
+            "--only" => only = Some(value()?),
+            "--set" => {
+                let text = value()?;
+                let (name, value) = text.split_once('=').ok_or("--set takes field=value")?;
+                overrides.set(name, value)?;
+            }
+            "--pictures" => pictures = Some(value()?.into()),
+            "--initialisation" => initialisation = true,
+            "--runtime" => runtime = true,
+            _ => files.push(word.into()),
+        }
+    }
+    if files.is_empty() && !runtime {
+        return Err("name at least one .glb file".into());
+    }
+    let settings = baking::resolved(&overrides)?;
+    Ok(Arguments { settings, views, only, pictures, initialisation, runtime, files })
+}
+
+fn main() -> Result<(), Box<dyn Error>> {
+    let arguments = arguments()?;
+    if arguments.initialisation {
+        initialisation::run(&arguments)?;
+    } else if !arguments.files.is_empty() {
+        switches::run(&arguments)?;
+    }
+    if arguments.runtime {
+        runtime::run(&arguments)?;
+    }
+    Ok(())
+}
+
+#[allow(clippy::print_stdout, reason = "the tables are this program's output")]
+fn say(line: &str) {
+    println!("{line}");
+}

@@ -1,0 +1,34 @@
+//! How time and likeness depend on the size of the source: bakes of one generated shape from 10,000 to a million
+//! triangles.
+
+use std::error::Error;
+
+use simpliguard::render::Light;
+use simpliguard::settings::BakeSettings;
+use simpliguard::{STAGES, StageId};
+use simpliguard_eval::similarity;
+
+use crate::baking::Bakery;
+use crate::{Arguments, say, sphere};
+
+const FACES: [usize; 5] = [10_000, 30_000, 100_000, 300_000, 1_000_000];
+
+pub(crate) fn run(arguments: &Arguments) -> Result<(), Box<dyn Error>> {
+    let stages: Vec<String> =
+        STAGES.iter().map(|s| s.id).filter(|id| *id != StageId::Rig).map(|id| id.to_string()).collect();
+    say(&format!("| triangles | {} | whole bake, s | PSNR, dB |", stages.join(", s | ")));
+    say(&format!("|{}", "---|".repeat(stages.len() + 3)));
+    for faces in FACES {
+        let bakery = Bakery::new("sphere", sphere::glb(faces)?);
+        let budget = arguments.settings.faces.first().copied().unwrap_or(1000);
+        let settings = BakeSettings { faces: vec![budget], ..arguments.settings.clone() };
+        let made = bakery.bake(&settings, false)?;
+        let model = made.model()?;
+        let level = made.baked.levels[0].to_model("level");
+        let psnr = similarity(model, &level, arguments.views, Light::None).psnr;
+        let times: Vec<String> = stages.iter().map(|stage| format!("{:.2}", made.stage(stage))).collect();
+        let count = model.surface.triangles.len();
+        say(&format!("| {count} | {} | {:.2} | {psnr:.2} |", times.join(" | "), made.seconds));
+    }
+    Ok(())
+}
