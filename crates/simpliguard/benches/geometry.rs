@@ -12,7 +12,7 @@ use simpliguard::reconstruct::{Params, reconstruct};
 use simpliguard::render::{Frame, SurfaceSampler, take_views, viewpoints};
 use simpliguard::rig::Donor;
 use simpliguard::settings::BakeSettings;
-use simpliguard::{Bvh, Context, NoResources, Source, gltf, shape};
+use simpliguard::{Bvh, Cancellation, Context, NoResources, Source, gltf, shape};
 
 /// Faces left by each collapse.
 const TARGET: usize = 4000;
@@ -45,9 +45,9 @@ const SIZES: [u32; 3] = [128, 384, 671];
 fn reconstruct_256(bencher: Bencher<'_, '_>, n: u32) {
     let mesh = torus(n);
     let bvh = Bvh::new(&mesh.positions, &mesh.triangles);
-    bencher
-        .counter(ItemsCount::new(mesh.triangles.len()))
-        .bench_local(|| reconstruct(&mesh.positions, &mesh.triangles, &bvh, black_box(&Params::new(256))));
+    bencher.counter(ItemsCount::new(mesh.triangles.len())).bench_local(|| {
+        reconstruct(&mesh.positions, &mesh.triangles, &bvh, black_box(&Params::new(256)), &Cancellation::default())
+    });
 }
 
 #[divan::bench(args = SIZES, sample_count = 5)]
@@ -108,6 +108,7 @@ fn shape_of(bencher: Bencher<'_, '_>, model: &Model) {
             views: &views,
             poses: None,
             importance: None,
+            cancellation: &Cancellation::default(),
         };
         shape::shape(black_box(&inputs), &params, &Context::default()).expect("shapes")
     });

@@ -18,7 +18,7 @@ use crate::targets::Targets;
 use crate::{Bvh, Context, Error, Source, StageId, content_hash};
 
 /// Part of every cache key: raised whenever the output of any stage changes for equal input and settings.
-pub const PIPELINE_VERSION: &str = "3";
+pub const PIPELINE_VERSION: &str = "4";
 
 /// The `opt-level` this crate was compiled with. Below `2` a bake takes many times as long.
 pub const OPT_LEVEL: &str = env!("SIMPLIGUARD_OPT_LEVEL");
@@ -159,7 +159,7 @@ pub fn bake(source: &Source<'_>, settings: &BakeSettings, context: &Context<'_>)
     settings.check()?;
     let clock = Clock::default();
     context.report(StageId::Import, None, 0.0);
-    let imported = clock.time(StageId::Import, || gltf::import(source, &Limits::default()));
+    let imported = clock.time(StageId::Import, || gltf::import_in(source, &Limits::default(), context));
     if !settings.enabled {
         // What cannot be read is nobody's concern then, but for a glTF that must be made binary.
         let model = if is_binary(source) { imported.ok() } else { Some(imported?) };
@@ -183,7 +183,7 @@ pub fn bake(source: &Source<'_>, settings: &BakeSettings, context: &Context<'_>)
     let Made { levels, reports, unmet } = make_levels(source, &model, &targets, settings, context, &clock)?;
     context.report(StageId::Export, None, 0.97);
     let options = ExportOptions { source: settings.source, version: PIPELINE_VERSION.to_owned() };
-    let glb = clock.time(StageId::Export, || gltf::export(&model, &levels, &options))?;
+    let glb = clock.time(StageId::Export, || gltf::export_in(&model, &levels, &options, context))?;
     context.report(StageId::Export, None, 1.0);
     let report = Report {
         status: Status::Baked,
@@ -249,7 +249,8 @@ fn make_levels(
     let hash = content_hash(source.bytes);
     let seed = hash.as_bytes()[..8].iter().fold(0u64, |seed, &byte| seed << 8 | u64::from(byte));
     let sampler = SurfaceSampler::new(model);
-    let poses = Poses::of(model, settings.poses as usize, posed_views(settings));
+    let poses = Poses::of(model, settings.poses as usize, posed_views(settings), &context.cancellation);
+    context.check(&model.name)?;
     let ((bvh, solid), views) = rayon::join(
         || {
             clock
@@ -273,6 +274,7 @@ fn make_levels(
         views: &views,
         poses: poses.as_ref(),
         importance: importance.as_ref(),
+        cancellation: &context.cancellation,
     };
     let budgets = targets.budgets();
     let planes = shape::JointPlanes {

@@ -8,6 +8,9 @@ use bytes::Bytes;
 use crate::{Error, Key, StageId};
 
 /// A flag shared between the one who cancels and the bake, which looks at it between and within stages.
+///
+/// A loop that holds it ends early once it is set, and what it returns then is sound but unfinished; the stage around it
+/// asks [`Context::check`] before it uses that.
 #[derive(Clone, Debug, Default)]
 pub struct Cancellation(Arc<AtomicBool>);
 

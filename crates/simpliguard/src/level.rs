@@ -65,7 +65,9 @@ pub(crate) fn make_level(
     let params = UnwrapParams { size: size as u32, gutter: settings.gutter };
     context.report(StageId::Unwrap, Some(number as usize), 0.4);
     let key = context.key(|| atlas_key(&shape.mesh, &params));
-    let atlas = clock.time(StageId::Unwrap, || context.stored(key, || Ok(unwrap(&shape.mesh, None, &params))))?;
+    let unwrap = || Ok(unwrap(&shape.mesh, None, &params, &context.cancellation));
+    let atlas = clock.time(StageId::Unwrap, || context.stored(key, unwrap))?;
+    context.check(&model.name)?;
     context.report(StageId::Rig, Some(number as usize), 0.42);
     let influences = clock.time(StageId::Rig, || influences(shared, &shape.mesh));
     let still = shape.cards.is_some() || !settings.refine || settings.refine_steps == 0;
@@ -82,9 +84,11 @@ pub(crate) fn make_level(
     context.check(&model.name)?;
     context.report(StageId::Texture, Some(number as usize), 0.85);
     let samples = clock.time(StageId::Texture, || canvas.bake(&mesh, shape.cards.as_ref()));
+    context.check(&model.name)?;
     let alpha = refined.is_none() && is_cut_out(shape, &samples);
     low.double_sided |= alpha;
     let (low, fit) = clock.time(StageId::Refine, || canvas.finish(low, &samples, alpha));
+    context.check(&model.name)?;
     // The differentiable renderer does not see through a cut-out.
     let refined = (!alpha).then_some(Refined { psnr: fit.psnr, ..refined.unwrap_or(fit) });
 
@@ -170,6 +174,7 @@ fn fit(
         let low = LowPoly::new(&shape.mesh, atlas, shape.double_sided, small.size, texels, covered);
         Some((low.with_motions(motions(shared, &influences)), small.texture_fit(&samples, false)))
     });
+    context.check(&model.name)?;
     let Some((mut low, texture)) = textured else { return Ok(Fitted::unmoved(shared, atlas, shape, influences)) };
     context.report(StageId::Refine, Some(number as usize), 0.5);
     let params = refine::Params {
@@ -233,8 +238,10 @@ impl<'a> Canvas<'a> {
     }
 
     fn bake(&self, mesh: &TriMesh, cards: Option<&Cards>) -> Vec<Option<SurfaceSample>> {
-        let Shared { sampler, bvh, frame, .. } = self.shared;
-        let mut samples = texture::bake(sampler, bvh, frame, mesh, self.atlas, &self.texels, self.size, cards);
+        let Shared { sampler, bvh, frame, context, .. } = self.shared;
+        let cancellation = &context.cancellation;
+        let mut samples =
+            texture::bake(sampler, bvh, frame, mesh, self.atlas, &self.texels, self.size, cards, cancellation);
         if let Some(cards) = cards {
             let surface = &self.shared.model.surface;
             let source = TriMesh { positions: surface.positions.clone(), triangles: surface.triangles.clone() };
@@ -278,7 +285,8 @@ impl<'a> Canvas<'a> {
         let (texels, covered) = self.initial_texture(samples, alpha);
         let mut low = low.retextured(self.atlas, self.size, texels, covered);
         let fit = self.texture_fit(samples, alpha);
-        let refined = refine::fit_texture(&mut low, &self.shared.views, fit.as_ref());
+        let Shared { views, context, .. } = self.shared;
+        let refined = refine::fit_texture(&mut low, views, fit.as_ref(), &context.cancellation);
         (low, refined)
     }
 }

@@ -3,11 +3,13 @@
 use std::collections::HashMap;
 use std::io::Cursor;
 use std::sync::Mutex;
+use std::thread;
+use std::time::{Duration, Instant};
 
 use bytes::Bytes;
 use image::{ImageFormat, Rgb, RgbImage};
 use simpliguard::settings::{BakeSettings, Quality, Resolution, SourceGeometry};
-use simpliguard::{Baked, Context, Key, RelativeUri, Resources, Source, StageStore, bake};
+use simpliguard::{Baked, Context, Error, Key, RelativeUri, Resources, Source, StageStore, bake};
 
 /// Objects by their keys, and what was asked of them.
 #[derive(Default)]
@@ -54,17 +56,22 @@ const RINGS: u32 = 24;
 impl Ball {
     /// Its texture has stripes of a colour.
     fn new(stripes: [u8; 3]) -> Self {
-        let vertices = (0..=RINGS).flat_map(|i| (0..=RINGS).map(move |j| (i, j)));
+        Self::of(RINGS, stripes)
+    }
+
+    /// With `2 * rings * rings` triangles.
+    fn of(rings: u32, stripes: [u8; 3]) -> Self {
+        let vertices = (0..=rings).flat_map(|i| (0..=rings).map(move |j| (i, j)));
         let (mut positions, mut uvs) = (Vec::new(), Vec::new());
         for (i, j) in vertices {
-            let [v, u] = [i, j].map(|n| n as f32 / RINGS as f32);
+            let [v, u] = [i, j].map(|n| n as f32 / rings as f32);
             let (theta, phi) = (v * std::f32::consts::PI, u * std::f32::consts::TAU);
             let radius = 1.0 + 0.1 * (5.0 * theta).sin() * (4.0 * phi).cos();
             positions.extend([theta.sin() * phi.cos(), theta.cos(), theta.sin() * phi.sin()].map(|x| radius * x));
             uvs.extend([u, v]);
         }
-        let corner = |i: u32, j: u32| i * (RINGS + 1) + j;
-        let cells = (0..RINGS).flat_map(|i| (0..RINGS).map(move |j| (i, j)));
+        let corner = |i: u32, j: u32| i * (rings + 1) + j;
+        let cells = (0..rings).flat_map(|i| (0..rings).map(move |j| (i, j)));
         let indices: Vec<u32> = cells
             .flat_map(|(i, j)| {
                 let [a, b, c, d] = [corner(i, j), corner(i, j + 1), corner(i + 1, j), corner(i + 1, j + 1)];
@@ -100,8 +107,11 @@ impl Ball {
     }
 
     fn bake(&self, settings: &BakeSettings, stages: Option<&dyn StageStore>) -> Baked {
-        let source = Source { name: "ball.gltf", bytes: &self.gltf, resources: self };
-        bake(&source, settings, &Context { stages, ..Context::default() }).expect("bakes")
+        self.bake_in(settings, &Context { stages, ..Context::default() }).expect("bakes")
+    }
+
+    fn bake_in(&self, settings: &BakeSettings, context: &Context<'_>) -> Result<Baked, Error> {
+        bake(&Source { name: "ball.gltf", bytes: &self.gltf, resources: self }, settings, context)
     }
 }
 
@@ -194,4 +204,36 @@ fn what_is_no_object_is_made_again() {
         *object = object.slice(..object.len() / 2);
     }
     assert_as_cold(&ball, &settings(), &store);
+}
+
+/// Cancels one bake after the other, each a little later, until one is done before its turn comes. They share a store:
+/// whatever a bake leaves unfinished behind would show in the end.
+#[test]
+fn a_cancelled_bake_stops_soon_and_leaves_nothing_unfinished_behind() {
+    const STEPS: u32 = 8;
+    let (ball, store) = (Ball::of(200, [200, 0, 0]), Store::default());
+    let settings = BakeSettings { views: 16, view_size: 256, refine_steps: 100, ..settings() };
+    let start = Instant::now();
+    let cold = ball.bake(&settings, None);
+    let whole = start.elapsed();
+    let mut longest = Duration::ZERO;
+    for step in 0..STEPS {
+        let context = Context { stages: Some(&store), ..Context::default() };
+        let cancellation = context.cancellation.clone();
+        let canceller = thread::spawn(move || {
+            thread::sleep(whole * step / STEPS);
+            cancellation.cancel();
+            Instant::now()
+        });
+        let result = ball.bake_in(&settings, &context);
+        let end = Instant::now();
+        match result {
+            Err(Error::Cancelled { asset }) => assert_eq!(asset, "ball.gltf"),
+            Err(error) => panic!("{error}"),
+            Ok(baked) => assert!(baked.glb == cold.glb, "step {step}"),
+        }
+        longest = longest.max(end.saturating_duration_since(canceller.join().expect("cancels")));
+    }
+    assert!(ball.bake(&settings, Some(&store)).glb == cold.glb, "an unfinished object was stored");
+    assert!(longest < whole / 3, "{longest:?} from the cancellation to the end, where the whole bake takes {whole:?}");
 }

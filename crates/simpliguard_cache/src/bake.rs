@@ -114,6 +114,7 @@ fn run_chain(
     let (mut levels, mut picture) = (Vec::with_capacity(baked.levels.len()), None);
     if let Some(model) = &baked.model {
         for level in &baked.levels {
+            context.check(source.name)?;
             levels.push((level.budget, export_level(model, level)?));
         }
         if let (Some(draw), false) = (sheet, levels.is_empty()) {

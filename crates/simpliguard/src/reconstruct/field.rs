@@ -10,6 +10,7 @@ use rayon::prelude::*;
 
 use super::triangle::{Facet, Points};
 use super::{BRICK, BRICK_SAMPLES, Brick, Grid, NO_BRICK, Params};
+use crate::Cancellation;
 use crate::bvh::closest_point;
 use crate::mesh::bounds;
 
@@ -56,7 +57,7 @@ struct Lists {
 }
 
 /// Samples the distance field; inside flags are all unset.
-pub(super) fn build(positions: &[Vec3], triangles: &[[u32; 3]], params: &Params) -> Grid {
+pub(super) fn build(positions: &[Vec3], triangles: &[[u32; 3]], params: &Params, cancellation: &Cancellation) -> Grid {
     let used: Vec<Vec3> = triangles.iter().flatten().map(|&v| positions[v as usize]).collect();
     let (low, high) = bounds(&used);
     let samples = params.resolution as i32;
@@ -73,6 +74,7 @@ pub(super) fn build(positions: &[Vec3], triangles: &[[u32; 3]], params: &Params)
         .tasks(samples)
         .into_par_iter()
         .with_max_len(1)
+        .take_any_while(|_| !cancellation.is_cancelled())
         .map(|(origin, list)| descent.bricks_of_task(origin, list))
         .collect();
 

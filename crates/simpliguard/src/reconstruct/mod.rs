@@ -24,8 +24,8 @@ mod triangle;
 
 use glam::{IVec3, Vec3, Vec3A};
 
-use crate::Bvh;
 use crate::mesh::TriMesh;
+use crate::{Bvh, Cancellation};
 
 /// Samples along the side of a brick.
 const BRICK: usize = 8;
@@ -69,16 +69,25 @@ impl Params {
     }
 }
 
-/// Wraps the triangles of `bvh`, given again as indexed positions. Empty for an empty source.
-pub fn reconstruct(positions: &[Vec3], triangles: &[[u32; 3]], bvh: &Bvh, params: &Params) -> TriMesh {
+/// Wraps the triangles of `bvh`, given again as indexed positions. Empty for an empty source; unfinished if cancelled.
+pub fn reconstruct(
+    positions: &[Vec3],
+    triangles: &[[u32; 3]],
+    bvh: &Bvh,
+    params: &Params,
+    cancellation: &Cancellation,
+) -> TriMesh {
     if triangles.is_empty() {
         return TriMesh::default();
     }
-    let mut grid = field::build(positions, triangles, params);
+    let mut grid = field::build(positions, triangles, params, cancellation);
+    if cancellation.is_cancelled() {
+        return TriMesh::default();
+    }
     flood::mark_inside(&mut grid);
     repair::make_well_composed(&mut grid);
     let mut mesh = nets::extract(&grid);
-    pull::pull_back(&mut mesh, &grid, bvh, params.keep);
+    pull::pull_back(&mut mesh, &grid, bvh, params.keep, cancellation);
     mesh
 }
 
@@ -187,7 +196,7 @@ mod tests {
 
     fn wrap(mesh: &TriMesh, resolution: u32) -> TriMesh {
         let bvh = Bvh::new(&mesh.positions, &mesh.triangles);
-        reconstruct(&mesh.positions, &mesh.triangles, &bvh, &Params::new(resolution))
+        reconstruct(&mesh.positions, &mesh.triangles, &bvh, &Params::new(resolution), &Cancellation::default())
     }
 
     fn volume(mesh: &TriMesh) -> f32 {

@@ -5,7 +5,7 @@ use rayon::prelude::*;
 
 use super::Grid;
 use crate::mesh::TriMesh;
-use crate::{Bvh, Hit};
+use crate::{Bvh, Cancellation, Hit};
 
 /// Part of its distance that a vertex keeps over a solid: enough that no face loses its area at a corner that many
 /// vertices are pulled to.
@@ -15,9 +15,10 @@ const THICKNESS: f32 = 0.25;
 
 /// Moves each vertex towards the nearest point of the source. Over a sheet it keeps a part `keep` of its distance, so that
 /// the sheet's two sides stay apart.
-pub(super) fn pull_back(mesh: &mut TriMesh, grid: &Grid, bvh: &Bvh, keep: f32) {
+pub(super) fn pull_back(mesh: &mut TriMesh, grid: &Grid, bvh: &Bvh, keep: f32, cancellation: &Cancellation) {
     let reach = (grid.offset + 2.0) * grid.spacing;
-    mesh.positions.par_iter_mut().with_min_len(1024).for_each(|p| {
+    let places = mesh.positions.par_iter_mut().with_min_len(1024);
+    places.take_any_while(|_| !cancellation.is_cancelled()).for_each(|p| {
         if let Some(hit) = bvh.closest(*p, reach).or_else(|| bvh.closest(*p, f32::INFINITY)) {
             let keep = if is_over_solid(*p, &hit, grid, bvh) { keep.min(KEEP_OVER_SOLID) } else { keep };
             *p = hit.point + (*p - hit.point) * keep;

@@ -16,7 +16,7 @@ use super::regularise::Structure;
 use super::split::Split;
 use super::{LowPoly, Skin, TextureFit};
 use crate::render::{Random, View};
-use crate::{Bvh, Context, Error};
+use crate::{Bvh, Cancellation, Context, Error};
 
 /// Views a step.
 const BATCH: usize = 2;
@@ -87,7 +87,7 @@ pub fn refine(
     asset: &str,
     context: &Context<'_>,
 ) -> Result<Refined, Error> {
-    let split = Split::new(target.views);
+    let split = Split::new(target.views, &context.cancellation);
     let refined = fit_to(low, &split, params.texture.as_ref());
     if params.steps == 0 || low.triangles.is_empty() {
         return Ok(refined);
@@ -97,8 +97,13 @@ pub fn refine(
 }
 
 /// Fits the texture alone, if that gains anything.
-pub fn fit_texture(low: &mut LowPoly, views: &[View], fit: Option<&TextureFit>) -> Refined {
-    fit_to(low, &Split::new(views), fit)
+pub fn fit_texture(
+    low: &mut LowPoly,
+    views: &[View],
+    fit: Option<&TextureFit>,
+    cancellation: &Cancellation,
+) -> Refined {
+    fit_to(low, &Split::new(views, cancellation), fit)
 }
 
 fn fit_to(low: &mut LowPoly, split: &Split<'_>, fit: Option<&TextureFit>) -> Refined {
@@ -193,7 +198,7 @@ impl<'a> Descent<'a> {
         let coarse = if halves.is_empty() { 0 } else { (self.params.coarse * self.params.steps as f32) as u32 };
         if coarse > 0 {
             let mut half = low.halved();
-            let split_half = Split::new(halves);
+            let split_half = Split::new(halves, &self.context.cancellation);
             split_half.fit(&mut half, self.params.texture.as_ref());
             let psnr = split_half.judge(&half);
             self.descend(&mut half, skin.as_deref_mut(), &split_half, coarse, psnr)?;

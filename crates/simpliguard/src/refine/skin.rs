@@ -103,6 +103,7 @@ mod tests {
     use glam::Mat4;
 
     use super::*;
+    use crate::Cancellation;
     use crate::model::{Bone, Model, Pose, Rig, Surface};
 
     /// A bone that stays, and one that a clip lifts by one along y.
@@ -122,7 +123,7 @@ mod tests {
     #[test]
     fn weights_go_where_the_posed_vertex_is_wanted_and_stay_on_their_bones() {
         let model = lift();
-        let poses = Poses::of(&model, 1, 1).expect("it moves");
+        let poses = Poses::of(&model, 1, 1, &Cancellation::default()).expect("it moves");
         let half = Influences { joints: [0, 1, 0, 0], weights: [0.5, 0.5, 0.0, 0.0] };
         let mut skin = Skin::new(&poses, vec![half, Influences::rigid(1)]);
         let mut adam = Adam::new(8);

@@ -5,6 +5,7 @@ use rayon::prelude::*;
 use super::forward::Frame;
 use super::loss::squared_error;
 use super::{LowPoly, Solver, TextureFit, descend_texture, solve_texture};
+use crate::Cancellation;
 use crate::render::{Picture, Rect, View};
 
 /// One view in this many is held out to judge by.
@@ -18,17 +19,19 @@ pub(super) struct Split<'a> {
     pub(super) fitted_rects: Vec<Rect>,
     held_out: Vec<&'a View>,
     held_out_rects: Vec<Rect>,
+    cancellation: &'a Cancellation,
 }
 
 impl<'a> Split<'a> {
-    pub(super) fn new(views: &'a [View]) -> Self {
+    pub(super) fn new(views: &'a [View], cancellation: &'a Cancellation) -> Self {
         let pick = |held: bool| -> Vec<&View> {
             let chosen = views.iter().enumerate().filter(|(i, _)| (i % HELD_OUT == HELD_OUT / 2) == held);
             chosen.map(|(_, v)| v).collect()
         };
         let (fitted, held_out) = (pick(false), pick(true));
         let rects = |views: &[&View]| views.iter().map(|v| covered_rect(&v.picture)).collect();
-        Self { fitted_rects: rects(&fitted), held_out_rects: rects(&held_out), fitted, held_out }
+        let (fitted_rects, held_out_rects) = (rects(&fitted), rects(&held_out));
+        Self { fitted, fitted_rects, held_out, held_out_rects, cancellation }
     }
 
     /// Side of the pictures.
@@ -41,8 +44,12 @@ impl<'a> Split<'a> {
         let Some(&TextureFit { smoothness, solver }) = fit else { return };
         let (views, rects) = (&self.fitted, &self.fitted_rects);
         match solver {
-            Solver::LeastSquares => solve_texture(low, views, rects, smoothness, SOLVE_ITERATIONS),
-            Solver::Adam(descent) => descend_texture(low, views, rects, smoothness, &descent),
+            Solver::LeastSquares => {
+                solve_texture(low, views, rects, smoothness, SOLVE_ITERATIONS, self.cancellation);
+            }
+            Solver::Adam(descent) => {
+                descend_texture(low, views, rects, smoothness, &descent, self.cancellation);
+            }
         }
     }
 

@@ -11,6 +11,7 @@ use rayon::prelude::*;
 
 use super::LowPoly;
 use super::forward::{Frame, Lookup};
+use crate::Cancellation;
 use crate::render::raster::pixel_to_ndc;
 use crate::render::{NOTHING, Rect, View};
 
@@ -29,11 +30,18 @@ struct Row {
 
 /// Replaces the texture of `low` by the one that fits `views` best, starting from the present one. `rects` are the
 /// pixels that the source covers in each view.
-pub fn solve_texture(low: &mut LowPoly, views: &[&View], rects: &[Rect], smoothness: f32, iterations: usize) {
-    let mut rows = assemble(low, views, rects);
+pub fn solve_texture(
+    low: &mut LowPoly,
+    views: &[&View],
+    rects: &[Rect],
+    smoothness: f32,
+    iterations: usize,
+    cancellation: &Cancellation,
+) {
+    let mut rows = assemble(low, views, rects, cancellation);
     let seen: Vec<bool> = rows.iter().map(|r| r.a[0] > 0.0).collect();
     regularise(low, &mut rows, smoothness);
-    conjugate_gradients(&rows, &mut low.texels, low.size, iterations);
+    conjugate_gradients(&rows, &mut low.texels, low.size, iterations, cancellation);
     for texel in &mut low.texels {
         *texel = texel.clamp(Vec4::ZERO, Vec4::ONE).with_w(1.0);
     }
@@ -41,7 +49,7 @@ pub fn solve_texture(low: &mut LowPoly, views: &[&View], rects: &[Rect], smoothn
     crate::texture::fill(&mut low.texels, &known, low.size);
 }
 
-fn assemble(low: &LowPoly, views: &[&View], rects: &[Rect]) -> Vec<Row> {
+fn assemble(low: &LowPoly, views: &[&View], rects: &[Rect], cancellation: &Cancellation) -> Vec<Row> {
     let chunk = views.len().div_ceil(PARTS).max(1);
     let parts: Vec<Vec<Row>> = views
         .par_chunks(chunk)
@@ -51,7 +59,7 @@ fn assemble(low: &LowPoly, views: &[&View], rects: &[Rect]) -> Vec<Row> {
             let size = views.first().map_or(0, |v| v.picture.size);
             let mut frame = Frame::new(size);
             let mut rim = vec![false; size * size];
-            for (view, rect) in views.iter().zip(rects) {
+            for (view, rect) in views.iter().zip(rects).take_while(|_| !cancellation.is_cancelled()) {
                 add_view(low, view, *rect, &mut frame, &mut rim, &mut rows);
             }
             rows
@@ -157,7 +165,7 @@ fn multiply_row(rows: &[Row], x: &[Vec4], size: usize, y: usize, out: &mut [Vec4
     }
 }
 
-fn conjugate_gradients(rows: &[Row], x: &mut [Vec4], size: usize, iterations: usize) {
+fn conjugate_gradients(rows: &[Row], x: &mut [Vec4], size: usize, iterations: usize, cancellation: &Cancellation) {
     /// Residual, relative to the first, at which to stop.
     const TOLERANCE: f32 = 1e-3;
     let multiply = |x: &[Vec4], out: &mut [Vec4]| {
@@ -180,7 +188,7 @@ fn conjugate_gradients(rows: &[Row], x: &mut [Vec4], size: usize, iterations: us
     let mut energy = dot(&residual, &scaled);
     let stop = energy.element_sum() * TOLERANCE * TOLERANCE;
     for _ in 0..iterations {
-        if energy.element_sum() <= stop {
+        if energy.element_sum() <= stop || cancellation.is_cancelled() {
             break;
         }
         multiply(&direction, &mut product);
@@ -225,7 +233,7 @@ mod tests {
             add_pixel(&mut rows, size, lookup, color.xyz());
         }
         let mut x = vec![Vec4::ZERO; 64];
-        conjugate_gradients(&rows, &mut x, size, 200);
+        conjugate_gradients(&rows, &mut x, size, 200, &Cancellation::default());
         for (x, t) in x.iter().zip(&truth) {
             assert!((*x - *t).length() < 2e-2, "{x} {t}");
         }

@@ -11,6 +11,7 @@ use super::backward::Gradients;
 use super::descent::Order;
 use super::forward::Frame;
 use super::loss::Loss;
+use crate::Cancellation;
 use crate::render::{Rect, View};
 
 /// Views a step.
@@ -40,7 +41,14 @@ struct Lane {
 
 /// Moves the texture of `low` towards the one that fits `views` best, starting from the present one. `rects` are the
 /// pixels that the source covers in each view.
-pub fn descend_texture(low: &mut LowPoly, views: &[&View], rects: &[Rect], smoothness: f32, descent: &TextureDescent) {
+pub fn descend_texture(
+    low: &mut LowPoly,
+    views: &[&View],
+    rects: &[Rect],
+    smoothness: f32,
+    descent: &TextureDescent,
+    cancellation: &Cancellation,
+) {
     let Some(size) = views.first().map(|view| view.picture.size) else { return };
     let lane = || Lane { frame: Frame::new(size), loss: Loss::default(), gradients: Gradients::default() };
     let mut lanes: [Lane; BATCH] = std::array::from_fn(|_| lane());
@@ -52,7 +60,7 @@ pub fn descend_texture(low: &mut LowPoly, views: &[&View], rects: &[Rect], smoot
     // Of a texel difference against the errors of one view's pixels, as in the least squares over all of them.
     let smoothness = smoothness * 2.0 / ((size * size) as f32 * views.len() as f32);
     let mut gradient = vec![Vec4::ZERO; low.texels.len()];
-    for _ in 0..descent.steps {
+    for _ in (0..descent.steps).take_while(|_| !cancellation.is_cancelled()) {
         let chosen: [usize; BATCH] = std::array::from_fn(|_| order.next());
         let shared = &*low;
         lanes.par_iter_mut().zip(chosen).with_max_len(1).for_each(|(lane, i)| {

@@ -233,8 +233,8 @@ mod tests {
     use glam::Mat4;
 
     use super::*;
-    use crate::Bvh;
     use crate::model::{Bone, Model, Pose, Rig, Surface};
+    use crate::{Bvh, Cancellation};
 
     /// A strip along x from 0 to 4 in 32 columns. The second bone, whose weight is the square of the way, is lifted by one.
     fn curved() -> Model {
@@ -278,7 +278,7 @@ mod tests {
         let model = curved();
         let bvh = Bvh::new(&model.surface.positions, &model.surface.triangles);
         let donor = Donor::new(&model, &bvh);
-        let poses = Poses::of(&model, 1, 1).expect("it moves");
+        let poses = Poses::of(&model, 1, 1, &Cancellation::default()).expect("it moves");
         // Between points on it the chord lies above a parabola; the fitted one lies below it at its middle.
         let at = |t: f32| Influences { joints: [0, 1, 0, 0], weights: [1.0 - t, t, 0.0, 0.0] };
         let given: Vec<Influences> = [1e-6, 0.25, 1.0 - 1e-6].into_iter().flat_map(|t| [at(t), at(t)]).collect();
@@ -300,7 +300,7 @@ mod tests {
         }
         let bvh = Bvh::new(&model.surface.positions, &model.surface.triangles);
         let donor = Donor::new(&model, &bvh);
-        let poses = Poses::of(&model, 1, 1).expect("it moves");
+        let poses = Poses::of(&model, 1, 1, &Cancellation::default()).expect("it moves");
         let at =
             |p: &Vec3| ordered(&Influences { joints: [0, 1, 0, 0], weights: [1.0 - p.x / 4.0, p.x / 4.0, 0.0, 0.0] });
         let exact: Vec<Influences> = coarse().positions.iter().map(at).collect();

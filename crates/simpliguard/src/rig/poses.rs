@@ -4,10 +4,10 @@ use glam::{Affine3A, DMat4, Quat, Vec3};
 use rayon::prelude::*;
 
 use super::{Joints, Skinning, surface};
-use crate::Bvh;
 use crate::mesh::TriMesh;
 use crate::model::{Influences, Model, Pose, Surface};
 use crate::render::Motions;
+use crate::{Bvh, Cancellation};
 
 /// Vertices that poses are compared by, about.
 const SAMPLES: usize = 512;
@@ -31,11 +31,11 @@ pub struct Poses<'a> {
 impl<'a> Poses<'a> {
     /// Up to `most` poses, the first `n` of which decide on the shape; none for a model without bones, or with clips that do
     /// not move them.
-    pub fn of(model: &'a Model, n: usize, most: usize) -> Option<Self> {
+    pub fn of(model: &'a Model, n: usize, most: usize, cancellation: &Cancellation) -> Option<Self> {
         let skinning = Skinning::of(model).filter(|_| n > 0)?;
         let turned = if skinning.poses().is_empty() { turned_joints(model) } else { Vec::new() };
         let all = if turned.is_empty() { skinning.poses() } else { &turned };
-        let chosen = representative(&skinning, all, &model.surface, most.max(n));
+        let chosen = representative(&skinning, all, &model.surface, most.max(n), cancellation);
         let bones: Vec<Vec<DMat4>> = chosen.iter().map(|pose| skinning.bones(pose)).collect();
         (!bones.is_empty()).then(|| Self { model, skinning, decisive: n.min(bones.len()), bones })
     }
@@ -114,7 +114,13 @@ fn moved(positions: &[Vec3], motions: &[Affine3A]) -> Vec<Vec3> {
 
 /// Up to `n` poses that, with the rest pose, stand best for all of them: each brings the mean squared distance between
 /// the poses and the nearest chosen one down as far as any can. Where the model stands makes no difference.
-fn representative<'p>(skinning: &Skinning<'_>, poses: &'p [Pose], surface: &Surface, n: usize) -> Vec<&'p Pose> {
+fn representative<'p>(
+    skinning: &Skinning<'_>,
+    poses: &'p [Pose],
+    surface: &Surface,
+    n: usize,
+    cancellation: &Cancellation,
+) -> Vec<&'p Pose> {
     let step = surface.positions.len().div_ceil(SAMPLES).max(1);
     let influences: Vec<Influences> = surface.influences.iter().step_by(step).copied().collect();
     let rest: Vec<Vec3> = surface.positions.iter().step_by(step).copied().collect();
@@ -124,7 +130,7 @@ fn representative<'p>(skinning: &Skinning<'_>, poses: &'p [Pose], surface: &Surf
     let least_gain = LEAST_GAIN * rest.iter().map(|p| f64::from(p.length_squared())).sum::<f64>();
     let mut nearest: Vec<f64> = stances.iter().map(|stance| squared_distance(stance, &rest)).collect();
     let mut chosen = Vec::new();
-    while chosen.len() < n {
+    while chosen.len() < n && !cancellation.is_cancelled() {
         let gain = |candidate: &Vec<Vec3>| -> f64 {
             let distances = stances.iter().map(|stance| squared_distance(stance, candidate));
             nearest.iter().zip(distances).map(|(nearest, d)| (nearest - d).max(0.0)).sum()
@@ -177,9 +183,9 @@ mod tests {
     fn poses_far_from_each_other_are_chosen_and_repeated_ones_are_not() {
         let model = model(&[0.0, 1.5, 0.0, 1.5, -1.5]);
         let skinning = Skinning::of(&model).expect("bones");
-        let chosen = representative(&skinning, skinning.poses(), &model.surface, 4);
+        let chosen = representative(&skinning, skinning.poses(), &model.surface, 4, &Cancellation::default());
         assert_eq!(chosen.iter().map(|p| p.frame).collect::<Vec<_>>(), [Some((1, 0.0)), Some((4, 0.0))]);
-        let poses = Poses::of(&model, 1, 4).expect("it moves");
+        let poses = Poses::of(&model, 1, 4, &Cancellation::default()).expect("it moves");
         assert_eq!((poses.count(), poses.all()), (1, 2));
     }
 
@@ -188,7 +194,7 @@ mod tests {
         let mut model = crate::rig::joints::tests::arm();
         model.surface.positions = (0..9).map(|i| Vec3::new(0.25 * i as f32, 0.1, 0.1)).collect();
         model.surface.influences = (0..9).map(|i| Influences::rigid(i / 4)).collect();
-        let poses = Poses::of(&model, 2, 8).expect("it turns");
+        let poses = Poses::of(&model, 2, 8, &Cancellation::default()).expect("it turns");
         // The elbow and the wrist, both ways.
         assert_eq!((poses.count(), poses.all()), (2, 4));
         let (rest, elbow) = (&model.surface.positions, poses.source_in(0));
@@ -199,13 +205,13 @@ mod tests {
     #[test]
     fn clips_that_move_nothing_give_no_poses() {
         let model = model(&[0.0, 0.0]);
-        assert!(Poses::of(&model, 4, 4).is_none());
+        assert!(Poses::of(&model, 4, 4, &Cancellation::default()).is_none());
     }
 
     #[test]
     fn a_vertex_on_two_bones_goes_half_the_way() {
         let model = model(&[std::f32::consts::PI]);
-        let poses = Poses::of(&model, 1, 1).expect("it moves");
+        let poses = Poses::of(&model, 1, 1, &Cancellation::default()).expect("it moves");
         let half = Influences { joints: [1, 0, 0, 0], weights: [0.5, 0.5, 0.0, 0.0] };
         let mesh = TriMesh { positions: vec![Vec3::X; 2], triangles: Vec::new() };
         let posed = poses.posed(&mesh, &poses.motions(&[Influences::rigid(1), half])).next().expect("a pose");

@@ -7,7 +7,6 @@
 use glam::{Mat3, Vec3};
 
 use super::{Inputs, Params, Road, Shape, collapse_dense, visibility, weld};
-use crate::Context;
 use crate::mesh::{DisjointSets, TriMesh, bounds};
 
 /// Group of faces that are no card, and of triangles that are no leaf.
@@ -79,7 +78,8 @@ impl Foliage {
         if leaves.len() < LEAVES {
             return None;
         }
-        let pixels = visibility::visible_pixels(&mesh, &inputs.frame, super::DIRECTIONS, &|_| true);
+        let pixels =
+            visibility::visible_pixels(&mesh, &inputs.frame, super::DIRECTIONS, &|_| true, inputs.cancellation);
         let mut leaf = vec![false; mesh.triangles.len()];
         leaves.iter().flatten().for_each(|&t| leaf[t as usize] = true);
         let count =
@@ -118,7 +118,7 @@ impl Foliage {
         let pixels: Vec<u32> =
             self.pixels.iter().zip(&self.is_leaf).filter(|(_, leaf)| !**leaf).map(|(&n, _)| n).collect();
         let params = Params { budgets: vec![budget], remove_invisible: false, ..params.clone() };
-        let shapes = collapse_dense(inputs, &params, Road::Cards, &kept, &pixels, true, &Context::default());
+        let shapes = collapse_dense(inputs, &params, Road::Cards, &kept, &pixels, true);
         shapes.into_iter().map(|s| s.mesh).find(|m| m.triangles.len() <= budget as usize).unwrap_or_default()
     }
 

@@ -25,7 +25,7 @@ pub(super) fn wrap(inputs: &Inputs<'_>, params: &reconstruct::Params) -> TriMesh
     let solid = inputs.solid;
     let layers = inputs.poses.map_or_else(Vec::new, |poses| layers(inputs, poses, params));
     if layers.len() < 2 {
-        return reconstruct(&solid.mesh.positions, &solid.mesh.triangles, &solid.bvh, params);
+        return reconstruct(&solid.mesh.positions, &solid.mesh.triangles, &solid.bvh, params, inputs.cancellation);
     }
     let wrapped: Vec<TriMesh> = layers
         .par_iter()
@@ -33,7 +33,7 @@ pub(super) fn wrap(inputs: &Inputs<'_>, params: &reconstruct::Params) -> TriMesh
             let part = solid.mesh.filtered(|t| layer.contains(&inputs.donor.part(solid.source[t])));
             let bvh = Bvh::new(&part.positions, &part.triangles);
             let params = reconstruct::Params { resolution: params.resolution_for(&solid.mesh, &part), ..*params };
-            reconstruct(&part.positions, &part.triangles, &bvh, &params)
+            reconstruct(&part.positions, &part.triangles, &bvh, &params, inputs.cancellation)
         })
         .collect();
     wrapped.into_iter().reduce(append).unwrap_or_default()
@@ -130,6 +130,7 @@ mod tests {
     use glam::{Mat4, Vec3};
 
     use super::*;
+    use crate::Cancellation;
     use crate::mesh::Topology;
     use crate::model::{Bone, Influences, Material, Model, Pose, Rig, Surface};
     use crate::render::{Frame, SurfaceSampler};
@@ -160,7 +161,7 @@ mod tests {
     fn components(model: &Model) -> usize {
         let bvh = Bvh::new(&model.surface.positions, &model.surface.triangles);
         let sampler = SurfaceSampler::new(model);
-        let (solid, poses) = (Solid::of(&sampler), Poses::of(model, 1, 1));
+        let (solid, poses) = (Solid::of(&sampler), Poses::of(model, 1, 1, &Cancellation::default()));
         let inputs = Inputs {
             model,
             bvh: &bvh,
@@ -171,6 +172,7 @@ mod tests {
             views: &[],
             poses: poses.as_ref(),
             importance: None,
+            cancellation: &Cancellation::default(),
         };
         let topology = Topology::of(&wrap(&inputs, &reconstruct::Params::new(64)));
         assert!(topology.is_closed_manifold(), "{topology:?}");

@@ -29,7 +29,7 @@ use crate::objects::{form_key, road_key};
 use crate::reconstruct;
 use crate::render::{Frame, Motions, View};
 use crate::rig::{self, Donor, Poses, Transfer};
-use crate::{Bvh, Context, Error, StageId};
+use crate::{Bvh, Cancellation, Context, Error, StageId};
 use collapse::Simplifier;
 use contest::{Contest, is_tangled};
 
@@ -121,6 +121,8 @@ pub struct Inputs<'a> {
     pub poses: Option<&'a Poses<'a>>,
     /// How much its triangles count, unless they all count alike.
     pub importance: Option<&'a Importance>,
+    /// Looked at within the steps.
+    pub cancellation: &'a Cancellation,
 }
 
 impl Inputs<'_> {
@@ -162,6 +164,7 @@ fn best_shapes(inputs: &Inputs<'_>, params: &Params, context: &Context<'_>) -> R
     if params.cards
         && let Some(shapes) = foliage::shapes(inputs, params)
     {
+        context.check(&inputs.model.name)?;
         return Ok(shapes);
     }
     let mut roads: Vec<Road> = params.reconstructions.iter().map(|p| Road::Reconstruction(*p)).collect();
@@ -239,9 +242,10 @@ fn walk_all(
     let form = context.key(|| form_key(inputs));
     let walk = |&road| {
         let key = form.map(|form| road_key(&form, params, road));
-        context.stored(key, || walk(inputs, params, road, context))
+        context.stored(key, || Ok(walk(inputs, params, road)))
     };
     let walked: Result<Vec<Vec<Shape>>, Error> = roads.par_iter().map(walk).collect();
+    context.check(&inputs.model.name)?;
     for shapes in walked? {
         for (i, mut shape) in shapes.into_iter().enumerate() {
             let (contest, budget) = (i % contests.len(), params.budgets[i % contests.len()]);
@@ -260,16 +264,12 @@ fn walk_all(
 }
 
 /// Shapes for each budget along a road, in their order, once or more. Reads no texture.
-fn walk(inputs: &Inputs<'_>, params: &Params, road: Road, context: &Context<'_>) -> Result<Vec<Shape>, Error> {
+fn walk(inputs: &Inputs<'_>, params: &Params, road: Road) -> Vec<Shape> {
     let Dense { mesh, pixels, double_sided } = dense(inputs, params, road);
-    context.check(&inputs.model.name)?;
-    let shapes = collapse_dense(inputs, params, road, &mesh, &pixels, double_sided, context);
-    context.check(&inputs.model.name)?;
-    Ok(shapes)
+    collapse_dense(inputs, params, road, &mesh, &pixels, double_sided)
 }
 
 /// Collapses a mesh to each budget; some roads offer several shapes, the second for each behind the first for all.
-/// Anything if cancelled.
 fn collapse_dense(
     inputs: &Inputs<'_>,
     params: &Params,
@@ -277,20 +277,22 @@ fn collapse_dense(
     mesh: &TriMesh,
     pixels: &[u32],
     double_sided: bool,
-    context: &Context<'_>,
 ) -> Vec<Shape> {
+    if inputs.cancellation.is_cancelled() {
+        return Vec::new();
+    }
     let unit = to_unit_sphere(mesh, &inputs.frame);
     let mut weights = face_weights(&unit, pixels, params.visible_weight);
     if let Some(importance) = inputs.importance {
         weights.iter_mut().zip(importance.of_faces(mesh, inputs.bvh)).for_each(|(weight, factor)| *weight *= factor);
     }
     let mut simplifier = Simplifier::new(&unit, &weights, params.curvature);
-    simplifier.stop_with(&context.cancellation);
+    simplifier.stop_with(inputs.cancellation);
     let largest = params.budgets.last().copied().unwrap_or(0) as usize;
     if params.remove_invisible {
         simplifier.drop_negligible_components(largest, NEGLIGIBLE_FACES);
         simplifier.run(ENCLOSED_AT * largest);
-        if context.cancellation.is_cancelled() {
+        if inputs.cancellation.is_cancelled() {
             return Vec::new();
         }
         simplifier.remove_faces(&enclosed(inputs, &simplifier.mesh(), double_sided));
@@ -301,6 +303,9 @@ fn collapse_dense(
         simplifier.follow(poses.count(), |unit| motions_in_unit_sphere(inputs, poses, unit));
     }
     let down = |simplifier: &mut Simplifier| down_to_budgets(simplifier, inputs, params, road, double_sided);
+    if inputs.cancellation.is_cancelled() {
+        return Vec::new();
+    }
     // Parts of a source may pass through each other: collapses cannot mend that, and would be stuck on it.
     let dense = simplifier.mesh();
     if is_tangled(dense.triangles.len(), tangled_faces(&dense)) {
@@ -325,7 +330,7 @@ fn down_to_budgets(
     double_sided: bool,
 ) -> Vec<Shape> {
     let mut shapes = Vec::new();
-    for &budget in params.budgets.iter().rev() {
+    for &budget in params.budgets.iter().rev().take_while(|_| !inputs.cancellation.is_cancelled()) {
         if params.remove_invisible {
             simplifier.drop_negligible_components(budget as usize, NEGLIGIBLE_FACES);
         }
@@ -368,7 +373,8 @@ fn enclosed(inputs: &Inputs<'_>, unit: &TriMesh, double_sided: bool) -> Vec<bool
     let mesh = from_unit_sphere(unit.clone(), &inputs.frame);
     let mut enclosed: Vec<bool> =
         pixels_in_motion(inputs, &mesh, &|_| double_sided).into_iter().map(|pixels| pixels == 0).collect();
-    visibility::keep_enclosed(&mut enclosed, unit, &Frame { centre: Vec3::ZERO, radius: 1.0 }, double_sided);
+    let frame = Frame { centre: Vec3::ZERO, radius: 1.0 };
+    visibility::keep_enclosed(&mut enclosed, unit, &frame, double_sided, inputs.cancellation);
     enclosed
 }
 
@@ -410,7 +416,7 @@ fn dense(inputs: &Inputs<'_>, params: &Params, road: Road) -> Dense {
 
 /// Pixels that see each face, at rest and, half as many, in motion.
 fn visible_pixels(inputs: &Inputs<'_>, mesh: &TriMesh, double_sided: &(impl Fn(usize) -> bool + Sync)) -> Vec<u32> {
-    let mut pixels = visibility::visible_pixels(mesh, &inputs.frame, DIRECTIONS, double_sided);
+    let mut pixels = visibility::visible_pixels(mesh, &inputs.frame, DIRECTIONS, double_sided, inputs.cancellation);
     let moving = pixels_in_motion(inputs, mesh, double_sided);
     pixels.iter_mut().zip(moving).for_each(|(sum, n)| *sum += n);
     pixels
@@ -423,7 +429,7 @@ fn pixels_in_motion(inputs: &Inputs<'_>, mesh: &TriMesh, double_sided: &(impl Fn
     let directions = (DIRECTIONS / 2).div_ceil(poses.count());
     for posed in poses.posed(mesh, &poses.motions_by_closest_point(inputs.bvh, &mesh.positions)) {
         let frame = Frame::around(&posed.positions);
-        let seen = visibility::visible_pixels(&posed, &frame, directions, double_sided);
+        let seen = visibility::visible_pixels(&posed, &frame, directions, double_sided, inputs.cancellation);
         pixels.iter_mut().zip(seen).for_each(|(sum, n)| *sum += n);
     }
     pixels

@@ -7,9 +7,9 @@
 use glam::{Vec3, Vec4};
 use rayon::prelude::*;
 
-use crate::Bvh;
 use crate::mesh::TriMesh;
 use crate::render::{Camera, Frame, NOTHING, Raster, Rect, fibonacci_directions};
+use crate::{Bvh, Cancellation};
 
 /// Side of the identity buffer in pixels.
 const SIZE: usize = 640;
@@ -23,6 +23,7 @@ pub(super) fn visible_pixels(
     frame: &Frame,
     directions: usize,
     double_sided: &(impl Fn(usize) -> bool + Sync),
+    cancellation: &Cancellation,
 ) -> Vec<u32> {
     // Not the lattice the views use, so that the two do not share their blind spots.
     let turn = glam::Quat::from_xyzw(0.18, 0.37, 0.26, 0.87).normalize();
@@ -43,13 +44,11 @@ pub(super) fn visible_pixels(
         (raster, pixels)
     };
     let empty = || vec![0u32; mesh.triangles.len()];
-    directions.par_iter().fold(|| (Raster::new(SIZE), empty()), count).map(|(_, pixels)| pixels).reduce(
-        empty,
-        |mut a, b| {
-            a.iter_mut().zip(b).for_each(|(a, b)| *a += b);
-            a
-        },
-    )
+    let wanted = directions.par_iter().take_any_while(|_| !cancellation.is_cancelled());
+    wanted.fold(|| (Raster::new(SIZE), empty()), count).map(|(_, pixels)| pixels).reduce(empty, |mut a, b| {
+        a.iter_mut().zip(b).for_each(|(a, b)| *a += b);
+        a
+    })
 }
 
 /// Grows a set of faces by those that share a vertex with it, `rings` times.
@@ -66,7 +65,13 @@ pub(super) fn grow(mesh: &TriMesh, faces: &mut [bool], rings: usize) {
 }
 
 /// Keeps those `faces` none of whose rays escapes the mesh: `H = 0` in the paper. With `two_sided` both hemispheres count.
-pub(super) fn keep_enclosed(faces: &mut [bool], mesh: &TriMesh, frame: &Frame, two_sided: bool) {
+pub(super) fn keep_enclosed(
+    faces: &mut [bool],
+    mesh: &TriMesh,
+    frame: &Frame,
+    two_sided: bool,
+    cancellation: &Cancellation,
+) {
     let bvh = Bvh::new(&mesh.positions, &mesh.triangles);
     let directions = fibonacci_directions(2 * RAYS);
     let lift = frame.radius * 1e-4;
@@ -81,7 +86,8 @@ pub(super) fn keep_enclosed(faces: &mut [bool], mesh: &TriMesh, frame: &Frame, t
             escapes(p, n) || (two_sided && escapes(p, -n))
         })
     };
-    faces.par_iter_mut().enumerate().with_min_len(64).for_each(|(t, face)| *face = *face && !sees_out(t));
+    let wanted = faces.par_iter_mut().enumerate().with_min_len(64).take_any_while(|_| !cancellation.is_cancelled());
+    wanted.for_each(|(t, face)| *face = *face && !sees_out(t));
 }
 
 #[cfg(test)]
@@ -103,14 +109,14 @@ mod tests {
         let mesh = nested();
         let frame = Frame::around(&mesh.positions);
         let mut faces = [true, true, true, false, true, true, true, true];
-        keep_enclosed(&mut faces, &mesh, &frame, false);
+        keep_enclosed(&mut faces, &mesh, &frame, false, &Cancellation::default());
         assert_eq!(faces, [true, true, true, false, false, false, false, false]);
     }
 
     #[test]
     fn cameras_see_the_outer_shell_alone() {
         let mesh = nested();
-        let pixels = visible_pixels(&mesh, &Frame::around(&mesh.positions), 72, &|_| false);
+        let pixels = visible_pixels(&mesh, &Frame::around(&mesh.positions), 72, &|_| false, &Cancellation::default());
         assert!(pixels[..4].iter().all(|&n| n == 0) && pixels[4..].iter().all(|&n| n > 0), "{pixels:?}");
     }
 

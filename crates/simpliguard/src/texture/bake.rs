@@ -4,6 +4,7 @@ use glam::{Vec3, Vec4};
 use rayon::prelude::*;
 
 use super::Texel;
+use crate::Cancellation;
 use crate::bvh::{Bvh, Hit, barycentric};
 use crate::mesh::TriMesh;
 use crate::model::AlphaMode;
@@ -31,6 +32,7 @@ pub fn bake(
     texels: &[Option<Texel>],
     size: usize,
     cards: Option<&Cards>,
+    cancellation: &Cancellation,
 ) -> Vec<Option<SurfaceSample>> {
     let normals = mesh.vertex_normals();
     let cage = CAGE * frame.radius;
@@ -45,7 +47,7 @@ pub fn bake(
         .par_iter()
         .with_min_len(size)
         .map(|texel| {
-            let texel = (*texel)?;
+            let texel = texel.filter(|_| !cancellation.is_cancelled())?;
             let corners = mesh.triangles[texel.triangle as usize].map(|v| v as usize);
             let b = texel.barycentric;
             let at = |values: &[Vec3]| values[corners[0]] * b.x + values[corners[1]] * b.y + values[corners[2]] * b.z;

@@ -4,11 +4,11 @@ use glam::{Affine2, Vec2, Vec3, Vec4};
 use image::{Rgba, RgbaImage};
 
 use super::{Channels, bake, level_mesh, maps, texel_map};
-use crate::Bvh;
 use crate::mesh::TriMesh;
 use crate::model::{LevelTextures, Material, Model, Surface, Texture, TextureRef, Wrap, srgb_to_linear};
 use crate::render::{Frame, SurfaceSample, SurfaceSampler};
 use crate::unwrap::Atlas;
+use crate::{Bvh, Cancellation};
 
 const SIZE: usize = 64;
 
@@ -41,7 +41,7 @@ fn samples(model: &Model) -> Vec<Option<SurfaceSample>> {
     let bvh = Bvh::new(&model.surface.positions, &model.surface.triangles);
     let frame = Frame::around(&model.surface.positions);
     let texels = texel_map(&atlas, SIZE);
-    bake(&SurfaceSampler::new(model), &bvh, &frame, &mesh, &atlas, &texels, SIZE, None)
+    bake(&SurfaceSampler::new(model), &bvh, &frame, &mesh, &atlas, &texels, SIZE, None, &Cancellation::default())
 }
 
 /// The sample at a point of the square.

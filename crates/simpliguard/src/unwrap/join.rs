@@ -13,6 +13,7 @@ use super::hull::smallest_box;
 use super::lscm::parametrise;
 use super::quality::Limits;
 use super::surface::{NONE, Surface};
+use crate::Cancellation;
 
 /// Least part of the smaller chart's boundary that a pair must share.
 const LEAST_SHARED: f64 = 0.15;
@@ -34,10 +35,15 @@ const LARGE: f64 = 0.05;
 const LEAST_BOX_FILL: f64 = 0.75;
 
 /// Joins pairs until none is left that fits.
-pub(super) fn join(surface: &Surface, charts: Vec<FlatChart>, limits: &Limits) -> Vec<FlatChart> {
+pub(super) fn join(
+    surface: &Surface,
+    charts: Vec<FlatChart>,
+    limits: &Limits,
+    cancellation: &Cancellation,
+) -> Vec<FlatChart> {
     let mut charts: Vec<Option<FlatChart>> = charts.into_iter().map(Some).collect();
     let mut refused = BTreeSet::new();
-    loop {
+    while !cancellation.is_cancelled() {
         let pairs = disjoint_pairs(surface, &charts, &refused);
         if pairs.is_empty() {
             break;
@@ -172,7 +178,7 @@ mod tests {
         let limits = Limits { stretch: 1.1 };
         let strips: Vec<FlatChart> =
             (0..48).step_by(6).flat_map(|f| flatten(&surface, (f..f + 6).collect(), &limits)).collect();
-        let joined = join(&surface, strips, &limits);
+        let joined = join(&surface, strips, &limits, &Cancellation::default());
         assert_eq!(joined.len(), 2);
     }
 }

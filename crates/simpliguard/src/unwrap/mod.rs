@@ -31,6 +31,7 @@ mod tests;
 use glam::{DVec2, Vec2};
 use rayon::prelude::*;
 
+use crate::Cancellation;
 use crate::mesh::TriMesh;
 use chart::FlatChart;
 use pack::Layout;
@@ -92,17 +93,22 @@ pub struct Atlas {
 /// `importance` is the relative linear texel density of each face (1 = normal, clamped to `1/16..=16`); a chart gets the
 /// mean of its faces. It never fails: degenerate faces, non-manifold edges and pinched vertices are allowed, and a
 /// chart too small for a texel is enlarged to one. An empty mesh gives an empty atlas. Equal inputs give equal bytes
-/// for any number of threads.
-pub fn unwrap(mesh: &TriMesh, importance: Option<&[f32]>, params: &UnwrapParams) -> Atlas {
+/// for any number of threads. The atlas of a cancelled bake is empty or unfinished.
+pub fn unwrap(mesh: &TriMesh, importance: Option<&[f32]>, params: &UnwrapParams, cancellation: &Cancellation) -> Atlas {
     let surface = Surface::new(mesh, importance);
     let split_limits = Limits { stretch: SPLIT_STRETCH };
     let charts: Vec<Vec<FlatChart>> = cluster::cluster(&surface)
         .into_par_iter()
+        .take_any_while(|_| !cancellation.is_cancelled())
         .map(|faces| split::flatten(&surface, faces, &split_limits))
         .collect();
-    let mut charts = join::join(&surface, charts.into_iter().flatten().collect(), &Limits { stretch: JOIN_STRETCH });
+    let charts = charts.into_iter().flatten().collect();
+    let mut charts = join::join(&surface, charts, &Limits { stretch: JOIN_STRETCH }, cancellation);
     let mut rescues = 0;
     loop {
+        if cancellation.is_cancelled() {
+            return Atlas::default();
+        }
         charts.sort_by_key(|c| c.chart.faces[0]);
         let layout = pack::pack(&surface, &charts, params);
         let collapsed: Vec<Vec<bool>> = charts.iter().zip(&layout.uv).map(|(c, uv)| collapsed_faces(c, uv)).collect();

@@ -4,6 +4,7 @@ use glam::{Quat, Vec3};
 use proptest::prelude::*;
 
 use super::*;
+use crate::Cancellation;
 
 pub(super) fn tetrahedron() -> TriMesh {
     TriMesh {
@@ -94,7 +95,7 @@ fn soup(n: usize) -> TriMesh {
 
 #[track_caller]
 fn check(mesh: &TriMesh, params: &UnwrapParams) -> Atlas {
-    let atlas = unwrap(mesh, None, params);
+    let atlas = unwrap(mesh, None, params, &Cancellation::default());
     assert_eq!(atlas.uvs.len(), mesh.triangles.len());
     assert_eq!(atlas.chart.len(), mesh.triangles.len());
     assert!(atlas.chart.iter().all(|&c| (c as usize) < atlas.charts));
@@ -199,7 +200,7 @@ fn less_important_faces_get_fewer_texels() {
     mesh.positions.extend(other.positions.iter().map(|p| *p + 5.0));
     mesh.triangles.extend(other.triangles.iter().map(|t| t.map(|v| v + 8)));
     let importance: Vec<f32> = (0..24).map(|f| if f < 12 { 1.0 } else { 0.25 }).collect();
-    let atlas = unwrap(&mesh, Some(&importance), &UnwrapParams::default());
+    let atlas = unwrap(&mesh, Some(&importance), &UnwrapParams::default(), &Cancellation::default());
     let area = |f: usize| 0.5 * (atlas.uvs[f][1] - atlas.uvs[f][0]).perp_dot(atlas.uvs[f][2] - atlas.uvs[f][0]);
     assert!((area(0) / area(12) - 16.0).abs() < 0.1, "{}", area(0) / area(12));
     let total: f32 = (0..12).map(area).sum();
@@ -221,7 +222,7 @@ fn equal_bytes_for_one_thread_and_four() {
     let mesh = torus(24, 12);
     let with = |threads| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("thread pool");
-        pool.install(|| unwrap(&mesh, None, &UnwrapParams::default()))
+        pool.install(|| unwrap(&mesh, None, &UnwrapParams::default(), &Cancellation::default()))
     };
     assert_eq!(with(1), with(4));
 }

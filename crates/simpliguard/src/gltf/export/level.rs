@@ -9,9 +9,9 @@ use serde_json::{Map, Value, json};
 use super::builder::{Builder, Component, Kind, Target, number};
 use super::skin::{Binding, check_influences};
 use super::{fault, vertex_order};
-use crate::Error;
 use crate::model::{AlphaMode, Influences, Level, LevelMaterial, LevelMorph, LevelTextures, Model};
 use crate::settings::TextureFormat;
+use crate::{Context, Error};
 
 /// Vertex counts up to this have 16-bit indices; 65,535 itself is a primitive restart.
 const MAX_SHORT_INDEXED: usize = 65_535;
@@ -50,7 +50,12 @@ struct Vertices {
 
 impl EncodedLevel {
     /// Orders vertices and triangles, binds them and encodes the textures.
-    pub(super) fn new(model: &Model, level: &Level, binding: Option<&Binding>) -> Result<Self, Error> {
+    pub(super) fn new(
+        model: &Model,
+        level: &Level,
+        binding: Option<&Binding>,
+        context: &Context<'_>,
+    ) -> Result<Self, Error> {
         check(model, level)?;
         let mesh = &level.mesh;
         let skinned = binding.filter(|_| !mesh.influences.is_empty()).map(|b| b.bind(mesh));
@@ -83,6 +88,7 @@ impl EncodedLevel {
         let (triangles, order) = vertex_order::optimized(&mesh.triangles, mesh.positions.len());
         let textures = &level.textures;
         let encode = |image: &Option<RgbImage>, format| {
+            context.check(&model.name)?;
             image.as_ref().map(|image| encode(model, image, image.dimensions(), format)).transpose()
         };
         // Blocks of JPEG, which are not seen in colours, would show in the light.

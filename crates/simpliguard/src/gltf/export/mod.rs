@@ -38,7 +38,7 @@ use self::level::EncodedLevel;
 use self::skin::Binding;
 use crate::model::{Level, Model};
 use crate::settings::SourceGeometry;
-use crate::{Error, StageId};
+use crate::{Context, Error, StageId};
 
 /// How levels are written.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -61,10 +61,20 @@ impl Default for ExportOptions {
 /// [`Error::Invalid`] for a level whose arrays do not fit together, or that hangs on more than 256 joints of several
 /// skins; [`Error::Limit`] above 4 GiB.
 pub fn export(model: &Model, levels: &[Level], options: &ExportOptions) -> Result<Vec<u8>, Error> {
+    export_in(model, levels, options, &Context::default())
+}
+
+/// As [`export`], within a bake that may be cancelled.
+pub(crate) fn export_in(
+    model: &Model,
+    levels: &[Level],
+    options: &ExportOptions,
+    context: &Context<'_>,
+) -> Result<Vec<u8>, Error> {
     let binding = Binding::new(model, levels)?;
     let narrowed: Vec<Option<Binding>> =
         levels.iter().map(|level| binding.as_ref().and_then(|b| b.narrowed(level))).collect();
-    let encoded = encode(model, levels, binding.as_ref(), &narrowed)?;
+    let encoded = encode(model, levels, binding.as_ref(), &narrowed, context)?;
     let mut out = embed::embed(model)?;
     stamp(&mut out, &options.version);
     let old_levels = hierarchy::remove_lods(&mut out);
@@ -122,7 +132,7 @@ pub fn export(model: &Model, levels: &[Level], options: &ExportOptions) -> Resul
 pub fn export_level(model: &Model, level: &Level) -> Result<Vec<u8>, Error> {
     let binding = Binding::new(model, std::slice::from_ref(level))?;
     let binding = binding.map(|b| b.narrowed(level).unwrap_or(b));
-    let encoded = EncodedLevel::new(model, level, binding.as_ref())?;
+    let encoded = EncodedLevel::new(model, level, binding.as_ref(), &Context::default())?;
     let mut out = embed::embed(model)?;
     stamp(&mut out, &ExportOptions::default().version);
     hierarchy::remove_lods(&mut out);
@@ -249,9 +259,10 @@ fn encode(
     levels: &[Level],
     binding: Option<&Binding>,
     narrowed: &[Option<Binding>],
+    context: &Context<'_>,
 ) -> Result<Vec<EncodedLevel>, Error> {
     let own = levels.par_iter().zip(narrowed).map(|(level, own)| (level, own.as_ref().or(binding)));
-    own.map(|(level, binding)| EncodedLevel::new(model, level, binding)).collect()
+    own.map(|(level, binding)| EncodedLevel::new(model, level, binding, context)).collect()
 }
 
 /// Names the writer in `asset`; copyright and the rest stay.

@@ -5,14 +5,15 @@ use serde_json::Value;
 
 use super::Limits;
 use super::schema::Root;
-use crate::{Error, StageId};
+use crate::{Context, Error, StageId};
 
 const ADVICE: &str = "check it with glTF-Validator and export it again";
 
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy)]
 pub(super) struct Asset<'a> {
     pub(super) name: &'a str,
     pub(super) limits: &'a Limits,
+    pub(super) context: &'a Context<'a>,
 }
 
 impl Asset<'_> {
@@ -25,6 +26,11 @@ impl Asset<'_> {
     pub(super) fn not_gltf(&self, why: &str) -> Error {
         let advice = "give a .glb or .gltf file, or convert this one";
         Error::invalid(self.name, StageId::Import, format!("not a glTF file: {why}"), advice)
+    }
+
+    /// `Err` once the bake is cancelled.
+    pub(super) fn check(&self) -> Result<(), Error> {
+        self.context.check(self.name)
     }
 
     /// `Err` if `found` is over `limit`.

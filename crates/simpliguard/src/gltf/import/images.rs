@@ -44,7 +44,9 @@ pub(super) fn decode(
     let decoded: Vec<Result<Vec<(usize, Texture)>, Error>> = encoded
         .par_iter()
         .map(|image| {
+            reader.asset.check()?;
             let pixels = pixels(reader, image)?;
+            reader.asset.check()?;
             let of_image = uses.iter().enumerate().filter(|(_, texture)| texture.image == image.image);
             Ok(of_image.map(|(k, texture)| (k, Texture::new(&pixels, texture.wrap_modes(), texture.srgb))).collect())
         })

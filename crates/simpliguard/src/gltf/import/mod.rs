@@ -40,7 +40,7 @@ use self::resources::{ExternalImage, Loader};
 use self::rig::Skeleton;
 use self::surface::{Assembly, MaterialSlots};
 use crate::model::{Document, Model, Surface};
-use crate::{Error, Source};
+use crate::{Context, Error, Source};
 
 pub use self::extensions::has_levels;
 
@@ -81,7 +81,12 @@ impl Default for Limits {
 /// read or decoded, [`Error::Extension`] if it requires an extension that is not understood, [`Error::Limit`] over one
 /// of `limits`.
 pub fn import(source: &Source<'_>, limits: &Limits) -> Result<Model, Error> {
-    let asset = Asset { name: source.name, limits };
+    import_in(source, limits, &Context::default())
+}
+
+/// As [`import`], within a bake that may be cancelled.
+pub(crate) fn import_in(source: &Source<'_>, limits: &Limits, context: &Context<'_>) -> Result<Model, Error> {
+    let asset = Asset { name: source.name, limits, context };
     let container = container::parse(asset, source.bytes)?;
     let mut json = container.json;
     let mut loader = Loader::new(asset, source);
@@ -104,6 +109,7 @@ pub fn import(source: &Source<'_>, limits: &Limits) -> Result<Model, Error> {
         || surface::assemble(reader, &tree, &mesh_nodes, &skeleton, &driver, &slots),
     );
     let (textures, mut assembly) = (textures?, assembly?);
+    asset.check()?;
     let faces = assembly.surface.triangles.len();
     let dropped = clean::clean(&mut assembly.surface);
     dropped.check(asset, faces)?;

@@ -84,6 +84,7 @@ pub(super) fn assemble(
         let Some(mesh) = first.mesh.and_then(|mesh| reader.root.meshes.get(mesh)) else { continue };
         let weights = first.weights.as_ref().unwrap_or(&mesh.weights);
         for primitive in mesh.primitives.iter().filter(|primitive| primitive::has_triangles(primitive)) {
+            reader.asset.check()?;
             let slot = materials.slot(primitive.material);
             let drives = nodes.iter().any(|&node| driver.drives(node));
             let mut part = primitive::read(reader, primitive, weights, drives, materials.uv_sets[slot])?;
