@@ -207,7 +207,7 @@ mod tests {
         ];
         assert_eq!(
             (PIPELINE_VERSION, keys.map(|key| key.hex()[..16].to_owned())),
-            ("3", ["3bae451b24a237e3", "9da6781fdfa02375"].map(str::to_owned))
+            ("4", ["a153c30be9b8d93d", "b281f9987ffdcf4e"].map(str::to_owned))
         );
     }
 }
