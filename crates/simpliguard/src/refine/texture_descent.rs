@@ -26,7 +26,7 @@ const SEED: u64 = 1;
 /// How to descend.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TextureDescent {
-    /// Steps of [`BATCH`] views.
+    /// Steps of two views.
     pub steps: u32,
     /// Weight of the image gradient in the loss.
     pub gradient_weight: f32,
