@@ -223,7 +223,9 @@ fn other_handlers_dress_levels_as_they_dress_the_source() {
 fn a_reload_builds_everything_anew_and_keeps_the_settings() {
     let (mut app, root) = loaded(combined());
     // Without a file watcher, Bevy reloads only what is held as a whole.
-    let _file: Handle<Gltf> = app.world().resource::<AssetServer>().load("model.glb");
+    let file: Handle<Gltf> = app.world().resource::<AssetServer>().load("model.glb");
+    // A reload before that would be taken for this load.
+    app.update_until(|world| world.resource::<AssetServer>().is_loaded_with_dependencies(&file));
     let reload = |app: &mut TestApp, glb: Glb| {
         app.add_file("model.glb", glb.bytes());
         // Bevy ignores changes in the first frames after a scene is loaded.
