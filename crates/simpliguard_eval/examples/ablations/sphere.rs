@@ -5,9 +5,10 @@ use std::f32::consts::{PI, TAU};
 
 use glam::{Vec2, Vec3};
 use image::{Rgba, RgbaImage};
+use serde_json::json;
 use simpliguard::gltf::export_level;
 use simpliguard::mesh::TriMesh;
-use simpliguard::model::{AlphaMode, Level, LevelMaterial, LevelMesh, LevelTextures, Model};
+use simpliguard::model::{AlphaMode, Document, Level, LevelMaterial, LevelMesh, LevelTextures, Model};
 use simpliguard::settings::TextureFormat;
 
 /// Side of its texture.
@@ -37,7 +38,8 @@ pub(crate) fn glb(faces: usize) -> Result<Vec<u8>, Box<dyn Error>> {
         format: TextureFormat::Png,
     };
     let level = Level { budget: faces as u32, error: 0.0, mesh: mesh(faces), own_joints: false, material, textures };
-    Ok(export_level(&Model::empty("sphere"), &level)?)
+    let document = Document { json: json!({ "asset": { "version": "2.0" } }), ..Document::default() };
+    Ok(export_level(&Model { document, ..Model::empty("sphere") }, &level)?)
 }
 
 /// Quads between meridians and twice as many parallels, seam and poles apart.
