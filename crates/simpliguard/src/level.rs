@@ -150,8 +150,8 @@ impl Fitted {
     }
 }
 
-/// Descends on the vertices with a texture of at most [`FITTED_SIZE`]. A cut-out's stay where
-/// they are: its outline is in its texture.
+/// Descends on the vertices with a texture of at most [`FITTED_SIZE`]. A cut-out's stay where they are: its outline is in its
+/// texture.
 fn fit(
     shared: &Shared<'_>,
     atlas: &Atlas,
@@ -178,7 +178,6 @@ fn fit(
     let Some((mut low, texture)) = textured else { return Ok(Fitted::unmoved(shared, atlas, shape, influences)) };
     context.report(StageId::Refine, Some(number as usize), 0.5);
     let params = refine::Params {
-        // A cut-out's outline is in its texture, not at its vertices.
         steps: settings.refine_steps,
         coarse: settings.coarse_steps,
         step_length: settings.step_length,

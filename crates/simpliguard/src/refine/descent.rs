@@ -19,7 +19,7 @@ use crate::render::{Random, View};
 use crate::{Bvh, Cancellation, Context, Error};
 
 /// Views a step.
-const BATCH: usize = 2;
+pub(super) const BATCH: usize = 2;
 /// Steps between two fits of the texture.
 const FIT_EVERY: u32 = 50;
 /// First step of a skin weight.
@@ -119,10 +119,18 @@ fn fit_to(low: &mut LowPoly, split: &Split<'_>, fit: Option<&TextureFit>) -> Ref
 }
 
 /// Everything one view of a batch needs.
-struct Lane {
-    frame: Frame,
-    loss: Loss,
-    gradients: Gradients,
+pub(super) struct Lane {
+    pub(super) frame: Frame,
+    pub(super) loss: Loss,
+    pub(super) gradients: Gradients,
+}
+
+impl Lane {
+    /// One for each view of a batch, for pictures of this side.
+    pub(super) fn batch(size: usize) -> [Self; BATCH] {
+        let lane = || Self { frame: Frame::new(size), loss: Loss::default(), gradients: Gradients::default() };
+        std::array::from_fn(|_| lane())
+    }
 }
 
 /// The best iterate so far.
@@ -224,8 +232,7 @@ impl<'a> Descent<'a> {
         steps: u32,
         psnr: f32,
     ) -> Result<f32, Error> {
-        let lane = || Lane { frame: Frame::new(split.size()), loss: Loss::default(), gradients: Gradients::default() };
-        let mut lanes: [Lane; BATCH] = std::array::from_fn(|_| lane());
+        let mut lanes = Lane::batch(split.size());
         let mut order = Order::new(split.fitted.len(), self.params.seed);
         let mut best = Best::new(psnr, low, skin.as_deref());
         for step in 1..=steps {

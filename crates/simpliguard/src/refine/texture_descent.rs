@@ -7,15 +7,10 @@ use rayon::prelude::*;
 
 use super::LowPoly;
 use super::adam::Adam;
-use super::backward::Gradients;
-use super::descent::Order;
-use super::forward::Frame;
-use super::loss::Loss;
+use super::descent::{BATCH, Lane, Order};
 use crate::Cancellation;
 use crate::render::{Rect, View};
 
-/// Views a step.
-const BATCH: usize = 2;
 /// First step of a texel, as a part of full scale.
 const RATE: f32 = 0.03;
 /// Factor on it over all steps.
@@ -32,13 +27,6 @@ pub struct TextureDescent {
     pub gradient_weight: f32,
 }
 
-/// Everything one view of a batch needs.
-struct Lane {
-    frame: Frame,
-    loss: Loss,
-    gradients: Gradients,
-}
-
 /// Moves the texture of `low` towards the one that fits `views` best, starting from the present one. `rects` are the
 /// pixels that the source covers in each view.
 pub fn descend_texture(
@@ -50,8 +38,7 @@ pub fn descend_texture(
     cancellation: &Cancellation,
 ) {
     let Some(size) = views.first().map(|view| view.picture.size) else { return };
-    let lane = || Lane { frame: Frame::new(size), loss: Loss::default(), gradients: Gradients::default() };
-    let mut lanes: [Lane; BATCH] = std::array::from_fn(|_| lane());
+    let mut lanes = Lane::batch(size);
     let mut order = Order::new(views.len(), SEED);
     let mut adam = Adam::new(4 * low.texels.len());
     let mut seen = low.covered.clone();
