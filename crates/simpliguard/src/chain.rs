@@ -5,17 +5,17 @@ use serde::{Deserialize, Serialize};
 
 use crate::clock::Clock;
 use crate::gltf::{self, ExportOptions, Limits};
-use crate::level::{Shared, make_level};
+use crate::level::{self, Shared};
 use crate::mesh::{Topology, TriMesh, self_intersecting};
 use crate::model::{Level, Model, SMALLEST_EXTENT};
-use crate::objects::{content_key, shapes_key};
+use crate::objects::{content_key, descent_key, shapes_key};
 use crate::refine::Refined;
 use crate::render::{Frame, SurfaceSampler, View, take_posed_views, take_views, viewpoints};
 use crate::rig::{self, Donor, Poses};
 use crate::settings::{BakeSettings, ExistingLods, JointPlanes, MorphTargets};
-use crate::shape::{self, Deviation};
+use crate::shape::{self, Deviation, Shape};
 use crate::targets::Targets;
-use crate::{Bvh, Context, Error, Source, StageId, content_hash};
+use crate::{Bvh, Context, Error, PreviewSink, Source, StageId, content_hash};
 
 /// Part of every cache key: raised whenever the output of any stage changes for equal input and settings.
 pub const PIPELINE_VERSION: &str = "4";
@@ -283,6 +283,7 @@ fn make_levels(
     };
     let params = shape::Params { joint_planes: planes.clone(), ..shape::Params::new(settings, &budgets) };
     let content = context.key(|| content_key(source, model));
+    let preview = context.preview.filter(|_| shape::is_known(&inputs, &params, context));
     let shapes = clock.time(StageId::Shape, || {
         let key = content.map(|content| shapes_key(&content, settings));
         context.stored(key, || shape::shape(&inputs, &params, context))
@@ -291,15 +292,15 @@ fn make_levels(
     context.report(StageId::Unwrap, None, 0.4);
     let shared = Shared {
         model,
-        sampler,
+        sampler: &sampler,
         bvh: &bvh,
         donor: &donor,
         gauge: &gauge,
         frame,
-        views,
-        halves,
-        poses,
-        planes,
+        views: &views,
+        halves: &halves,
+        poses: poses.as_ref(),
+        planes: &planes,
         seed,
         content,
         settings,
@@ -307,13 +308,30 @@ fn make_levels(
         clock,
     };
     let (chosen, unmet) = targets.choose(&budgets, &deviations);
-    let made: Result<Vec<_>, Error> = chosen
-        .par_iter()
-        .enumerate()
-        .map(|(i, &c)| make_level(&shared, i as u32 + 1, budgets[c], &shapes[c]))
-        .collect();
-    let (levels, reports) = made?.into_iter().unzip();
+    let wanted: Vec<(u32, &Shape)> = chosen.iter().map(|&c| (budgets[c], &shapes[c])).collect();
+    if let Some(sink) = preview {
+        show_preview(&shared, &wanted, sink)?;
+    }
+    let (levels, reports) = level::make_levels(&shared, &wanted)?;
     Ok(Made { levels, reports, unmet })
+}
+
+/// Shows levels that are not refined, unless the others are as good as there.
+fn show_preview(shared: &Shared<'_>, wanted: &[(u32, &Shape)], sink: &dyn PreviewSink) -> Result<(), Error> {
+    let Shared { model, settings, context, clock, .. } = *shared;
+    let is_descended = |&(budget, _): &(u32, &Shape)| {
+        shared.content.is_some_and(|content| context.knows(&descent_key(&content, settings, budget)))
+    };
+    if !settings.refine || settings.refine_steps == 0 || wanted.iter().all(is_descended) {
+        return Ok(());
+    }
+    let quick = BakeSettings { refine: false, ..settings.clone() };
+    // What is told of its progress is that of the result.
+    let silent = Context { progress: None, ..context.clone() };
+    let (levels, _) = level::make_levels(&Shared { settings: &quick, context: &silent, ..*shared }, wanted)?;
+    let options = ExportOptions { source: settings.source, version: PIPELINE_VERSION.to_owned() };
+    sink.show(clock.time(StageId::Export, || gltf::export_in(model, &levels, &options, &silent))?);
+    Ok(())
 }
 
 /// Half as many views as at rest are taken in other poses, each in a pose of its own if there are so many.

@@ -52,6 +52,13 @@ pub trait StageStore: Sync {
     fn put(&self, key: &Key, bytes: &[u8]);
 }
 
+/// Takes levels that can be shown while better ones are made; called from a worker thread.
+pub trait PreviewSink: Sync {
+    /// Takes one binary glTF: the source, and behind it the levels with their texture as it was baked, vertices and texture
+    /// not refined.
+    fn show(&self, glb: Vec<u8>);
+}
+
 /// The surroundings of one bake.
 #[derive(Clone, Default)]
 pub struct Context<'a> {
@@ -61,6 +68,9 @@ pub struct Context<'a> {
     pub progress: Option<&'a dyn ProgressSink>,
     /// Asked before the costly stages. Changes no byte of the result.
     pub stages: Option<&'a dyn StageStore>,
+    /// Shown levels where they are there long before the result: `stages` knows their shapes and not their descent, as after
+    /// a change of a texture. Changes no byte of the result.
+    pub preview: Option<&'a dyn PreviewSink>,
 }
 
 impl Context<'_> {

@@ -23,18 +23,19 @@ const FITTED_SIZE: usize = 512;
 const GREY: Vec4 = Vec4::new(0.5, 0.5, 0.5, 1.0);
 
 /// What all levels share.
+#[derive(Clone, Copy)]
 pub(crate) struct Shared<'a> {
     pub(crate) model: &'a Model,
-    pub(crate) sampler: SurfaceSampler<'a>,
+    pub(crate) sampler: &'a SurfaceSampler<'a>,
     pub(crate) bvh: &'a Bvh,
     pub(crate) donor: &'a Donor<'a>,
     pub(crate) gauge: &'a Gauge<'a>,
     pub(crate) frame: Frame,
-    pub(crate) views: Vec<View>,
+    pub(crate) views: &'a [View],
     /// The same at half the size, or none.
-    pub(crate) halves: Vec<View>,
-    pub(crate) poses: Option<Poses<'a>>,
-    pub(crate) planes: JointPlanes,
+    pub(crate) halves: &'a [View],
+    pub(crate) poses: Option<&'a Poses<'a>>,
+    pub(crate) planes: &'a JointPlanes,
     pub(crate) seed: u64,
     /// Of the source's files, if stages are stored.
     pub(crate) content: Option<Key>,
@@ -51,13 +52,18 @@ struct Canvas<'a> {
     texels: Vec<Option<Texel>>,
 }
 
-/// Makes level `number` (from 1) of `budget` faces from its shape.
-pub(crate) fn make_level(
+/// Makes a level for each budget from its shape.
+pub(crate) fn make_levels(
     shared: &Shared<'_>,
-    number: u32,
-    budget: u32,
-    shape: &Shape,
-) -> Result<(Level, LevelReport), Error> {
+    wanted: &[(u32, &Shape)],
+) -> Result<(Vec<Level>, Vec<LevelReport>), Error> {
+    let make = |(i, &(budget, shape)): (usize, &(u32, &Shape))| make_level(shared, i as u32 + 1, budget, shape);
+    let made: Result<Vec<_>, Error> = wanted.par_iter().enumerate().map(make).collect();
+    Ok(made?.into_iter().unzip())
+}
+
+/// Makes level `number` (from 1) of `budget` faces from its shape.
+fn make_level(shared: &Shared<'_>, number: u32, budget: u32, shape: &Shape) -> Result<(Level, LevelReport), Error> {
     let Shared { model, settings, context, clock, .. } = *shared;
     context.check(&model.name)?;
     // Cards have their outline in the texture.
@@ -192,11 +198,11 @@ fn fit(
     let (positions, (influences, refined)) = clock.time(StageId::Refine, || {
         context.stored(key, || {
             let mut low = low.clone();
-            let poses = shared.poses.as_ref().filter(|_| settings.refine_weights);
+            let poses = shared.poses.filter(|_| settings.refine_weights);
             let mut skin = poses.map(|poses| Skin::new(poses, influences.clone()));
             let target = refine::Target {
-                views: &shared.views,
-                halves: &shared.halves,
+                views: shared.views,
+                halves: shared.halves,
                 bvh: shared.bvh,
                 radius: shared.frame.radius,
             };
@@ -212,7 +218,7 @@ fn fit(
 
 /// Splits the faces along the joint planes, if that comes last: their parts keep their place in the atlas.
 fn split_at_joints(shared: &Shared<'_>, fitted: Fitted, atlas: Atlas, budget: u32) -> (Fitted, Atlas) {
-    let JointPlanes { planes, split: done } = &shared.planes;
+    let JointPlanes { planes, split: done } = shared.planes;
     if *done || planes.is_empty() {
         return (fitted, atlas);
     }
@@ -291,7 +297,7 @@ impl<'a> Canvas<'a> {
 }
 
 fn motions(shared: &Shared<'_>, influences: &[Influences]) -> Motions {
-    shared.poses.as_ref().map_or_else(Motions::default, |poses| poses.all_motions(influences))
+    shared.poses.map_or_else(Motions::default, |poses| poses.all_motions(influences))
 }
 
 fn influences(shared: &Shared<'_>, mesh: &TriMesh) -> Vec<Influences> {
@@ -304,7 +310,7 @@ fn influences(shared: &Shared<'_>, mesh: &TriMesh) -> Vec<Influences> {
     if let Some(stand_ins) = StandIns::of(shared.model, faces, shared.settings.bone_faces) {
         stand_ins.fold(&mut influences);
     }
-    match &shared.poses {
+    match shared.poses {
         Some(poses) if shared.settings.refine_weights => rig::fit(shared.donor, poses, mesh, influences),
         _ => influences,
     }

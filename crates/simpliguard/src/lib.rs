@@ -37,7 +37,7 @@ pub use bvh::{Bvh, Hit, barycentric, closest_point};
 pub use chain::{
     Baked, LevelReport, LevelTopology, OPT_LEVEL, PIPELINE_VERSION, Report, STAGES, Stage, StageSeconds, Status, bake,
 };
-pub use context::{Cancellation, Context, Progress, ProgressSink, StageStore};
+pub use context::{Cancellation, Context, PreviewSink, Progress, ProgressSink, StageStore};
 pub use error::{Error, StageId};
 pub use key::{Key, KeyBuilder, content_hash};
 pub use source::{NoResources, RelativeUri, Resources, Source};

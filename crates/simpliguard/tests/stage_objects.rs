@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 use bytes::Bytes;
 use image::{ImageFormat, Rgb, RgbImage};
 use simpliguard::settings::{BakeSettings, Quality, Resolution, SourceGeometry};
-use simpliguard::{Baked, Context, Error, Key, RelativeUri, Resources, Source, StageStore, bake};
+use simpliguard::{Baked, Context, Error, Key, PreviewSink, RelativeUri, Resources, Source, StageStore, bake};
 
 /// Objects by their keys, and what was asked of them.
 #[derive(Default)]
@@ -178,6 +178,37 @@ fn a_saved_texture_finds_the_roads_again() {
     let counts = assert_as_cold(&Ball::new([0, 200, 0]), &settings(), &store);
     // What wins is judged anew; what is stored is that, the vertices, and an atlas for each that did not win before.
     assert!(counts.found >= 2 && counts.found + counts.stored == 7 && counts.stored <= 5, "{counts:?}");
+}
+
+/// What was shown.
+#[derive(Default)]
+struct Previews(Mutex<Vec<Vec<u8>>>);
+
+impl PreviewSink for Previews {
+    fn show(&self, glb: Vec<u8>) {
+        self.0.lock().expect("not poisoned").push(glb);
+    }
+}
+
+#[test]
+fn levels_are_shown_before_their_descent_where_their_shapes_are_known() {
+    let (store, previews) = (Store::default(), Previews::default());
+    let shown = |ball: &Ball, settings: &BakeSettings| {
+        let context = Context { stages: Some(&store), preview: Some(&previews), ..Context::default() };
+        let baked = ball.bake_in(settings, &context).expect("bakes");
+        assert!(baked.glb == ball.bake(settings, None).glb, "a preview changed the result");
+        (std::mem::take(&mut *previews.0.lock().expect("not poisoned")), baked.glb)
+    };
+    let settings = || BakeSettings { views: 16, refine_steps: 30, ..settings() };
+    let (red, green) = (Ball::new([200, 0, 0]), Ball::new([0, 200, 0]));
+    assert!(shown(&red, &settings()).0.is_empty(), "nothing is known at first");
+    let (texture, refined) = shown(&green, &settings());
+    let [preview] = texture.as_slice() else { panic!("one preview, not {}", texture.len()) };
+    let unrefined = BakeSettings { refine: false, ..settings() };
+    assert!(*preview != refined && *preview == green.bake(&unrefined, None).glb);
+    assert_eq!(shown(&green, &BakeSettings { refine_steps: 31, ..settings() }).0.len(), 1);
+    assert!(shown(&green, &BakeSettings { normal_map: false, ..settings() }).0.is_empty(), "the descent is known");
+    assert!(shown(&red, &unrefined).0.is_empty(), "the result is all there is");
 }
 
 #[test]

@@ -37,7 +37,9 @@ pub(crate) fn road_key(form: &Key, params: &Params, road: Road) -> Key {
     // Those that choose between roads make no difference to one.
     let Params {
         budgets,
-        reconstructions: _,
+        reconstruction: _,
+        fine: _,
+        thick: _,
         finer: _,
         source: _,
         cards: _,
@@ -131,7 +133,9 @@ mod tests {
     fn params() -> Params {
         Params {
             budgets: vec![1000, 2000],
-            reconstructions: Vec::new(),
+            reconstruction: None,
+            fine: None,
+            thick: None,
             finer: None,
             source: true,
             cards: true,

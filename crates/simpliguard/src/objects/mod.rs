@@ -33,6 +33,11 @@ impl Context<'_> {
         self.stages.map(|_| key())
     }
 
+    /// Whether there is something under a key.
+    pub(crate) fn knows(&self, key: &Key) -> bool {
+        self.stages.is_some_and(|stages| stages.get(key).is_some())
+    }
+
     /// The object of a key of [`Self::key`]: one that was stored, or else what `make` makes, which is stored.
     pub(crate) fn stored<T: Object>(
         &self,

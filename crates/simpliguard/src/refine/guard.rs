@@ -11,14 +11,17 @@ use crate::mesh::{TriMesh, intersecting_pairs};
 const ROUNDS: usize = 8;
 /// Part of their way that they keep in each.
 const KEEP: f32 = 0.7;
-/// A mesh with more than this part of its faces in pairs that pass through each other is not kept from making more.
+/// Parts of a mesh with more than this part of its faces in pairs that pass through each other may slide along each other:
+/// new pairs may join them, next to the old ones.
 const TANGLED: f64 = 0.01;
 
 /// A mesh as descent was given it.
 pub(super) struct Guard {
     mesh: TriMesh,
-    /// Pairs of faces that passed through each other then, unless they were too many to matter.
-    pairs: Option<HashSet<(u32, u32)>>,
+    /// Pairs of faces that passed through each other then.
+    pairs: HashSet<(u32, u32)>,
+    /// Pairs of their corners, if the mesh was tangled.
+    corners: HashSet<(u32, u32)>,
 }
 
 impl Guard {
@@ -26,11 +29,12 @@ impl Guard {
         let mesh = low.mesh();
         let pairs = intersecting_pairs(&mesh);
         let tangled = pairs.len() as f64 > TANGLED * mesh.triangles.len() as f64;
-        Self { pairs: (!tangled).then(|| pairs.into_iter().collect()), mesh }
+        let corners = pairs.iter().filter(|_| tangled).flat_map(|&pair| corner_pairs(&mesh, pair)).collect();
+        Self { pairs: pairs.into_iter().collect(), corners, mesh }
     }
 
     /// Moves vertices back towards where they began until every face is upright and no pair passes through each other that
-    /// did not then.
+    /// did not then, but for those next to old ones in a tangled mesh.
     pub(super) fn take_back(&self, low: &mut LowPoly) {
         for round in 0.. {
             // At its beginning a face is upright and no pair is made: each round moves a vertex until all are there.
@@ -74,10 +78,17 @@ impl Guard {
 
     /// Faces that pass through each other and did not at the beginning.
     fn made(&self, mesh: TriMesh) -> Vec<[u32; 3]> {
-        let Some(before) = &self.pairs else { return Vec::new() };
-        let made = intersecting_pairs(&mesh).into_iter().filter(|pair| !before.contains(pair));
+        let is_next_to_old = |pair| corner_pairs(&self.mesh, pair).any(|corners| self.corners.contains(&corners));
+        let made = intersecting_pairs(&mesh).into_iter();
+        let made = made.filter(|pair| !self.pairs.contains(pair) && !is_next_to_old(*pair));
         made.flat_map(|(a, b)| [mesh.triangles[a as usize], mesh.triangles[b as usize]]).collect()
     }
+}
+
+/// A corner of one face and one of the other, the lower index first.
+fn corner_pairs(mesh: &TriMesh, (a, b): (u32, u32)) -> impl Iterator<Item = (u32, u32)> {
+    let [a, b] = [a, b].map(|t| mesh.triangles[t as usize]);
+    a.into_iter().flat_map(move |u| b.map(|v| (u.min(v), u.max(v))))
 }
 
 #[cfg(test)]
@@ -121,6 +132,33 @@ mod tests {
         guard.take_back(&mut low);
         assert!(!self_intersecting(&low.mesh()).contains(&true));
         assert!(low.positions[0].z < -0.5 && low.positions[3] == tent().positions[3], "{:?}", low.positions);
+    }
+
+    /// The tent, two of its faces pierced by a needle, over the floor.
+    fn pierced() -> LowPoly {
+        let TriMesh { mut positions, mut triangles } = tent().mesh();
+        positions.extend([Vec3::new(-2.0, 0.0, 0.45), Vec3::new(2.0, -0.05, 0.5), Vec3::new(2.0, 0.05, 0.5)]);
+        triangles.push([7, 8, 9]);
+        let atlas = Atlas { uvs: vec![Default::default(); 5], ..Atlas::default() };
+        LowPoly::new(&TriMesh { positions, triangles }, &atlas, false, 1, Vec::new(), Vec::new())
+    }
+
+    #[test]
+    fn what_passes_through_each_other_may_slide_but_pierces_nothing_else() {
+        let mut low = pierced();
+        let guard = Guard::new(&low);
+        assert_eq!(guard.pairs.len(), 2);
+        // Through the third face of the tent, which shares its corners with the others.
+        low.positions[8] = Vec3::new(1.0, -1.0, 0.3);
+        low.positions[9] = Vec3::new(1.1, -0.9, 0.3);
+        let slid = low.positions.clone();
+        assert!(intersecting_pairs(&low.mesh()).iter().any(|pair| !guard.pairs.contains(pair)));
+        guard.take_back(&mut low);
+        assert_eq!(low.positions, slid);
+        // Through the floor.
+        low.positions[8].z = -3.0;
+        guard.take_back(&mut low);
+        assert!(intersecting_pairs(&low.mesh()).iter().all(|&(a, b)| a != 3 && b != 3));
     }
 
     #[test]

@@ -102,7 +102,12 @@ impl Raster {
     pub fn draw(&mut self, clip: &[Vec4], triangles: &[[u32; 3]], double_sided: impl Fn(usize) -> bool) {
         let pixels: Vec<Vec3> = clip.iter().map(|c| self.in_front(*c)).collect();
         for (t, triangle) in triangles.iter().enumerate() {
-            if let Some(setup) = set_up(triangle.map(|v| pixels[v as usize]), || double_sided(t)) {
+            let corners = triangle.map(|v| pixels[v as usize]);
+            // Most triangles of a dense mesh lie between pixels.
+            if !may_cover(&corners, self.size) {
+                continue;
+            }
+            if let Some(setup) = set_up(corners, || double_sided(t)) {
                 self.fill_opaque(t as u32, &setup);
             }
         }
@@ -151,6 +156,14 @@ impl Raster {
             }
         });
     }
+}
+
+/// Whether the rectangle around a triangle holds the centre of a pixel.
+#[inline]
+fn may_cover([a, b, c]: &[Vec3; 3], size: usize) -> bool {
+    let (low, high) = (a.min(*b).min(*c), a.max(*b).max(*c));
+    let holds = |low: f32, high: f32| first_centre(low, size as f32) < first_centre(high, size as f32);
+    holds(low.x, high.x) && holds(low.y, high.y)
 }
 
 /// `None` for a triangle that is not drawn.

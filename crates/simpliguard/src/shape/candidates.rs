@@ -9,7 +9,7 @@ use rayon::prelude::*;
 
 use crate::mesh::TriMesh;
 use crate::render::raster::{barycentric_at, barycentric_coefficients, pixel_to_ndc};
-use crate::render::{Motions, NOTHING, Raster, Rect, View};
+use crate::render::{Motions, NOTHING, Raster, View};
 
 /// Cells over the whole mesh.
 const CELLS: usize = 65_536;
@@ -26,40 +26,38 @@ pub(super) fn render_error(
     weights: &[Vec<f32>],
 ) -> f64 {
     let painter = Painter::new(mesh, motions, double_sided);
+    let seen: Vec<Vec<Seen>> = views.par_iter().map(|view| painter.look(view)).collect();
     // Sums over views in a fixed order: one partial sum per chunk, however many threads there are.
-    let sums = views
-        .par_chunks(views.len().div_ceil(4).max(1))
-        .map(|chunk| {
-            let mut cells = vec![Vec4::ZERO; painter.cells()];
-            for view in chunk {
-                painter.for_each_pixel(view, |_, cell, target| {
-                    if let Some(cell) = cell.filter(|_| target.w > 0.999) {
-                        cells[cell] += target;
-                    }
-                });
-            }
-            cells
-        })
-        .collect::<Vec<_>>();
+    let chunk = views.len().div_ceil(4).max(1);
+    let sums: Vec<Vec<Vec4>> =
+        views.par_chunks(chunk).zip(seen.par_chunks(chunk)).map(|(views, seen)| painter.sums(views, seen)).collect();
     let mut cells = vec![Vec4::ZERO; painter.cells()];
     for part in &sums {
         cells.iter_mut().zip(part).for_each(|(a, b)| *a += *b);
     }
     cells.iter_mut().for_each(|c| *c = if c.w > 0.0 { *c / c.w } else { Vec4::new(0.5, 0.5, 0.5, 1.0) });
-    let errors: Vec<f64> = views
-        .par_iter()
-        .enumerate()
-        .map(|(v, view)| {
-            let mut error = 0.0;
-            painter.for_each_pixel(view, |pixel, cell, target| {
-                let d = cell.map_or(Vec4::ZERO, |c| cells[c]) - target;
-                let weight = weights.get(v).map_or(1.0, |weights| weights[pixel]);
-                error += f64::from(weight * (d.xyz().length_squared() + COVERAGE_WEIGHT * d.w * d.w));
-            });
-            error / (view.picture.size * view.picture.size) as f64
-        })
-        .collect();
+    let error = |(v, (view, seen)): (usize, (&&View, &Vec<Seen>))| {
+        let of_pixel = |&Seen { pixel, cell }: &Seen| {
+            let painted = if cell == NO_CELL { Vec4::ZERO } else { cells[cell as usize] };
+            let d = painted - view.picture.at(pixel as usize);
+            let weight = weights.get(v).map_or(1.0, |weights| weights[pixel as usize]);
+            f64::from(weight * (d.xyz().length_squared() + COVERAGE_WEIGHT * d.w * d.w))
+        };
+        seen.iter().map(of_pixel).sum::<f64>() / (view.picture.size * view.picture.size) as f64
+    };
+    let errors: Vec<f64> = views.par_iter().zip(&seen).enumerate().map(error).collect();
     errors.iter().sum::<f64>() / views.len().max(1) as f64
+}
+
+/// Cell of a pixel that only the source covers.
+const NO_CELL: u32 = u32::MAX;
+
+/// A pixel that the mesh or the source covers.
+struct Seen {
+    /// Its index.
+    pixel: u32,
+    /// What it sees of the mesh, or [`NO_CELL`].
+    cell: u32,
 }
 
 struct Painter<'a> {
@@ -80,8 +78,8 @@ impl<'a> Painter<'a> {
         self.mesh.triangles.len() * self.side * self.side
     }
 
-    /// Visits every pixel that the mesh or the source covers: its index, the cell seen there, if any, and the source's pixel.
-    fn for_each_pixel(&self, view: &View, mut visit: impl FnMut(usize, Option<usize>, Vec4)) {
+    /// Every pixel that the mesh or the source covers.
+    fn look(&self, view: &View) -> Vec<Seen> {
         let size = view.picture.size;
         let mut clip = Vec::new();
         self.motions.project(&self.mesh.positions, &view.camera, view.pose, &mut clip);
@@ -89,22 +87,38 @@ impl<'a> Painter<'a> {
         raster.draw(&clip, &self.mesh.triangles, |_| self.double_sided);
         let coefficients: Vec<_> =
             self.mesh.triangles.iter().map(|t| barycentric_coefficients(t.map(|v| clip[v as usize]))).collect();
-        let all = Rect { x0: 0, y0: 0, x1: size, y1: size };
-        for y in all.rows() {
+        let mut seen = Vec::new();
+        for y in 0..size {
             let ndc_y = pixel_to_ndc(y, size);
-            for x in all.columns() {
+            for x in 0..size {
                 let i = y * size + x;
                 let id = raster.ids[i];
-                if id == NOTHING && view.picture.pixels[i][3] == 0 {
+                if id == NOTHING {
+                    if view.picture.pixels[i][3] != 0 {
+                        seen.push(Seen { pixel: i as u32, cell: NO_CELL });
+                    }
                     continue;
                 }
-                let cell = (id != NOTHING).then(|| {
-                    let (b, _) = barycentric_at(&coefficients[id as usize], pixel_to_ndc(x, size), ndc_y);
-                    let along = |c: f32| ((c * self.side as f32) as usize).min(self.side - 1);
-                    id as usize * self.side * self.side + along(b.x) * self.side + along(b.y)
-                });
-                visit(i, cell, view.picture.at(i));
+                let (b, _) = barycentric_at(&coefficients[id as usize], pixel_to_ndc(x, size), ndc_y);
+                let along = |c: f32| ((c * self.side as f32) as usize).min(self.side - 1);
+                let cell = (id as usize * self.side + along(b.x)) * self.side + along(b.y);
+                seen.push(Seen { pixel: i as u32, cell: cell as u32 });
             }
         }
+        seen
+    }
+
+    /// Per cell, the sum of the source's pixels that see it wholly.
+    fn sums(&self, views: &[&View], seen: &[Vec<Seen>]) -> Vec<Vec4> {
+        let mut cells = vec![Vec4::ZERO; self.cells()];
+        for (view, seen) in views.iter().zip(seen) {
+            for &Seen { pixel, cell } in seen.iter().filter(|seen| seen.cell != NO_CELL) {
+                let target = view.picture.at(pixel as usize);
+                if target.w > 0.999 {
+                    cells[cell as usize] += target;
+                }
+            }
+        }
+        cells
     }
 }

@@ -3,7 +3,8 @@
 //! Shapes are compared by what they render. A tenth of a decibel that a texture may paint over is worth neither a surface
 //! twice as far from the source nor faces that pass through each other: both add to the score.
 
-use super::Shape;
+use super::{Road, Shape};
+use crate::mesh::Topology;
 
 /// Part of a shape's faces that may pass through others before it counts as tangled.
 const MAY_INTERSECT: f64 = 0.01;
@@ -15,12 +16,25 @@ const WITHIN_REACH: f64 = 1.6;
 const DISTANCE_WEIGHT: f64 = 0.15;
 /// As [`DISTANCE_WEIGHT`], for a shape all of whose faces pass through others.
 const CROSSING_WEIGHT: f64 = 0.3;
+/// Handles that a shape may have and still count as one piece.
+const FEW_HANDLES: i64 = 2;
 /// Distances below this are equal, as a fraction of the diagonal of the source's bounding box.
 const EQUAL_DISTANCE: f32 = 2e-5;
 
 /// Whether more faces pass through others than may.
 pub(super) fn is_tangled(faces: usize, tangled_faces: usize) -> bool {
     tangled_faces as f64 > MAY_INTERSECT * faces as f64
+}
+
+/// Whether the source's own triangles collapse to sound surfaces, at the largest budget one as good as any reconstruction:
+/// finer ones would only come as close as they do. `contests` have ascending budgets.
+pub(super) fn source_serves(contests: &[Contest]) -> bool {
+    let is_sound = |contest: &Contest| contest.0.iter().any(|s| s.road == Road::Source && !tangled_shape(s));
+    let wins = |contest: &Contest| {
+        let scored = contest.0.iter().map(|shape| (shape.road, contest.score(shape)));
+        scored.min_by(|a, b| a.1.total_cmp(&b.1)).is_some_and(|(road, _)| road == Road::Source)
+    };
+    contests.iter().all(is_sound) && contests.last().is_some_and(wins)
 }
 
 /// The shapes for a budget.
@@ -34,6 +48,17 @@ impl Contest {
 
     pub(super) fn is_empty(&self) -> bool {
         self.0.is_empty()
+    }
+
+    /// Whether a reconstruction is in pieces, has several handles or passes through itself: parts lie close together, and a
+    /// thick surface may run around them.
+    pub(super) fn wants_thick(&self) -> bool {
+        let in_one_piece = |shape: &Shape| {
+            let topology = Topology::of(&shape.mesh);
+            topology.components == 1 && topology.euler_characteristic >= 2 - 2 * FEW_HANDLES && !tangled_shape(shape)
+        };
+        let mut reconstructions = self.0.iter().filter(|shape| matches!(shape.road, Road::Reconstruction(_)));
+        !reconstructions.any(in_one_piece)
     }
 
     /// Whether a finer reconstruction may be free of the faces that pass through each other in the best shape.
@@ -77,7 +102,7 @@ fn tangled_shape(shape: &Shape) -> bool {
 mod tests {
     use super::*;
     use crate::mesh::TriMesh;
-    use crate::shape::{Deviation, Road};
+    use crate::shape::Deviation;
 
     fn shape(render_error: f64, mean: f32, self_intersecting: usize) -> Shape {
         Shape {
@@ -109,6 +134,31 @@ mod tests {
         assert_eq!(winner(&[shape(1.0, 1e-3, 0), shape(0.85, 1e-3, 9)]), 1.0);
         assert_eq!(winner(&[shape(1.0, 1e-3, 1), shape(0.7, 1e-3, 9)]), 0.7);
         assert_eq!(winner(&[shape(0.85, 1e-3, 9)]), 0.85);
+    }
+
+    #[test]
+    fn the_source_serves_where_it_is_sound_and_as_good_at_the_largest_budget() {
+        let coarse = Road::Reconstruction(crate::reconstruct::Params::new(128));
+        let contest = |reconstructed: f64, tangled: usize| {
+            Contest(vec![Shape { road: coarse, ..shape(reconstructed, 1e-3, 0) }, shape(1.0, 1e-3, tangled)])
+        };
+        assert!(source_serves(&[contest(0.8, 0), contest(1.2, 0)]));
+        assert!(!source_serves(&[contest(1.2, 0), contest(0.8, 0)]));
+        assert!(!source_serves(&[contest(1.2, 9), contest(1.2, 0)]));
+        assert!(!source_serves(&[]));
+    }
+
+    #[test]
+    fn a_thick_surface_is_wanted_around_parts_that_lie_close_together() {
+        let coarse = Road::Reconstruction(crate::reconstruct::Params::new(128));
+        let tetrahedron = [[0, 1, 2], [0, 3, 1], [0, 2, 3], [1, 3, 2]];
+        let with = |triangles: Vec<[u32; 3]>, tangled: usize| {
+            let mesh = TriMesh { positions: vec![glam::Vec3::ZERO; 8], triangles };
+            Contest(vec![Shape { road: coarse, mesh, ..shape(1.0, 1e-3, tangled) }]).wants_thick()
+        };
+        assert!(!with(tetrahedron.to_vec(), 0));
+        assert!(with(tetrahedron.to_vec(), 4));
+        assert!(with(tetrahedron.iter().copied().chain(tetrahedron.map(|t| t.map(|v| v + 4))).collect(), 0));
     }
 
     #[test]

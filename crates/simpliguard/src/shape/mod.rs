@@ -3,7 +3,8 @@
 //! Several roads lead there: reconstructions at different resolutions, and the source's own triangles, welded and cut
 //! into a manifold. On each, faces that no view reaches go first, then edges collapse by quadric error weighted by how
 //! large each face appears. Every road's result at every budget is scored by rendering it against the source, and the
-//! best is kept: a model that suits plain edge collapse is not made worse by reconstruction.
+//! best is kept: a model that suits plain edge collapse is not made worse by reconstruction. The quick roads come first, and
+//! decide whether the others are worth their time.
 //!
 //! The result is a manifold, with boundary only where nothing sees it or where the source has one.
 
@@ -149,6 +150,13 @@ pub fn shape(inputs: &Inputs<'_>, params: &Params, context: &Context<'_>) -> Res
     Ok(shapes)
 }
 
+/// Whether a store knows what the first of the roads leads to, so that shapes are there soon.
+pub fn is_known(inputs: &Inputs<'_>, params: &Params, context: &Context<'_>) -> bool {
+    let first = first_roads(params).next();
+    let key = first.and_then(|road| context.key(|| road_key(&form_key(inputs), params, road)));
+    key.is_some_and(|key| context.knows(&key))
+}
+
 /// Collapses a manifold mesh, with or without boundary, to at most `faces` faces by plain quadric error: the step that the
 /// roads share, without a source to compare with.
 pub fn collapse(mesh: &TriMesh, faces: usize) -> TriMesh {
@@ -167,18 +175,20 @@ fn best_shapes(inputs: &Inputs<'_>, params: &Params, context: &Context<'_>) -> R
         context.check(&inputs.model.name)?;
         return Ok(shapes);
     }
-    let mut roads: Vec<Road> = params.reconstructions.iter().map(|p| Road::Reconstruction(*p)).collect();
-    if params.source {
-        roads.push(Road::Source);
-    }
     let judges = Judges::new(inputs);
     let mut contests: Vec<Contest> = params.budgets.iter().map(|_| Contest::default()).collect();
-    walk_all(inputs, params, &roads, &judges, &mut contests, context)?;
+    let walk_on =
+        |roads: &[Road], contests: &mut [Contest]| walk_all(inputs, params, roads, &judges, contests, context);
+    walk_on(&first_roads(params).collect::<Vec<_>>(), &mut contests)?;
+    let fine = params.fine.filter(|_| !contest::source_serves(&contests));
+    let thick = params.thick.filter(|_| contests.last().is_some_and(Contest::wants_thick));
+    let further: Vec<Road> = fine.into_iter().chain(thick).map(Road::Reconstruction).collect();
+    walk_on(&further, &mut contests)?;
     if contests.iter().any(Contest::is_empty) {
         // A coarse, thick reconstruction has few handles to get stuck on.
         for road in [96, 64, 32].map(|n| Road::Reconstruction(reconstruct::Params::thick(n))) {
             let mut spare: Vec<Contest> = params.budgets.iter().map(|_| Contest::default()).collect();
-            walk_all(inputs, params, &[road], &judges, &mut spare, context)?;
+            walk_on(&[road], &mut spare)?;
             for (contest, spare) in contests.iter_mut().zip(spare) {
                 if contest.is_empty() {
                     *contest = spare;
@@ -189,7 +199,7 @@ fn best_shapes(inputs: &Inputs<'_>, params: &Params, context: &Context<'_>) -> R
     if let Some(finer) = params.finer
         && contests.iter().any(Contest::wants_finer)
     {
-        walk_all(inputs, params, &[Road::Reconstruction(finer)], &judges, &mut contests, context)?;
+        walk_on(&[Road::Reconstruction(finer)], &mut contests)?;
     }
     let found: Option<Vec<Shape>> = contests.into_iter().map(Contest::into_best).collect();
     found.ok_or_else(|| {
@@ -200,6 +210,11 @@ fn best_shapes(inputs: &Inputs<'_>, params: &Params, context: &Context<'_>) -> R
             "raise the smallest budget in `faces`",
         )
     })
+}
+
+/// The quick roads, which are always walked.
+fn first_roads(params: &Params) -> impl Iterator<Item = Road> {
+    params.reconstruction.map(Road::Reconstruction).into_iter().chain(params.source.then_some(Road::Source))
 }
 
 /// Faces of a mesh that pass through others.

@@ -9,8 +9,12 @@ use crate::settings::{BakeSettings, Candidates, Resolution};
 pub struct Params {
     /// Face budgets, ascending.
     pub budgets: Vec<u32>,
-    /// Reconstructions to try.
-    pub reconstructions: Vec<reconstruct::Params>,
+    /// The reconstruction that is always tried, if any is.
+    pub reconstruction: Option<reconstruct::Params>,
+    /// Tried unless the source's own triangles serve as well as the first.
+    pub fine: Option<reconstruct::Params>,
+    /// Tried only where parts lie close together.
+    pub thick: Option<reconstruct::Params>,
     /// Tried only where the best shape passes through itself.
     pub finer: Option<reconstruct::Params>,
     /// Whether to try the source's own triangles.
@@ -30,19 +34,19 @@ pub struct Params {
 impl Params {
     /// What the settings ask for, without joint planes.
     pub fn new(settings: &BakeSettings, budgets: &[u32]) -> Self {
-        let reconstructions = match (settings.candidates, settings.resolution) {
-            (Candidates::Source, _) => Vec::new(),
-            // Fine for large budgets, coarse for small ones, thick where parts lie close together.
-            (_, Resolution::Auto) => {
-                vec![reconstruct::Params::new(128), reconstruct::Params::new(256), reconstruct::Params::thick(128)]
-            }
-            (_, Resolution::Cells(n)) => vec![reconstruct::Params::new(n)],
+        let reconstruction = match (settings.candidates, settings.resolution) {
+            (Candidates::Source, _) => None,
+            (_, Resolution::Auto) => Some(reconstruct::Params::new(128)),
+            (_, Resolution::Cells(n)) => Some(reconstruct::Params::new(n)),
         };
+        // Coarse suits small budgets, fine large ones.
+        let further = |p| (settings.resolution == Resolution::Auto && reconstruction.is_some()).then_some(p);
         Self {
             budgets: budgets.to_vec(),
-            finer: (settings.resolution == Resolution::Auto && !reconstructions.is_empty())
-                .then(|| reconstruct::Params::new(384)),
-            reconstructions,
+            reconstruction,
+            fine: further(reconstruct::Params::new(256)),
+            thick: further(reconstruct::Params::thick(128)),
+            finer: further(reconstruct::Params::new(384)),
             // The source's own triangles need not be closed.
             source: settings.candidates != Candidates::Reconstruction && !settings.watertight,
             cards: settings.candidates == Candidates::All && !settings.watertight,

@@ -21,7 +21,7 @@ const SWITCHES: [Switch; 14] = [
     ("without differentiable rendering", |s| BakeSettings { refine: false, ..s }),
     ("without vertex steps", |s| BakeSettings { refine_steps: 0, ..s }),
     ("without image gradient loss", |s| BakeSettings { gradient_weight: 0.0, ..s }),
-    ("240 steps, three quarters at half size", |s| BakeSettings { refine_steps: 240, coarse_steps: 0.75, ..s }),
+    ("120 steps, all at full size", |s| BakeSettings { refine_steps: 120, coarse_steps: 0.0, ..s }),
     ("without texture smoothness loss", |s| BakeSettings { texture_smoothness: 0.0, ..s }),
     ("without distance to the source", |s| BakeSettings { distance_weight: 0.0, ..s }),
     ("without Laplacian", |s| BakeSettings { laplacian_weight: 0.0, ..s }),
