@@ -1,14 +1,22 @@
 //! The panel that shows bakes, levels in view and triangles, in a corner and with keys of the game's choice:
-//! `cargo run --example progress_overlay`.
+//! `cargo run --example progress_overlay`. With `-- --screenshot DIR` and an empty cache it ends with a picture of a bake under
+//! way and one of the result.
 //!
 //! The panel is the feature `overlay` of the plugin: `bevy_simpliguard = { version = "0.1", features = ["overlay"] }`. Hidden,
 //! it costs nothing, so a game may keep it. What it shows a game can have for itself: the messages `BakeStarted`,
 //! `BakeProgress`, `BakeFinished` and `BakeFailed`, and the resource `LodStats`.
 
+#[path = "shared/pictures.rs"]
+mod pictures;
+
 use bevy::asset::AssetMode;
 use bevy::prelude::*;
 use bevy_simpliguard::overlay::{OverlayCorner, OverlayKeys};
-use bevy_simpliguard::{BakeFailed, BakeFinished, OverlayPlugin, OverlaySettings, SimpliguardPlugin};
+use bevy_simpliguard::{
+    BakeFailed, BakeFinished, BakeStatus, Bakes, OverlayPlugin, OverlaySettings, SimpliguardPlugin,
+};
+
+use pictures::{Pictures, all_have_levels};
 
 fn main() -> AppExit {
     let keys = OverlayKeys { toggle: Some(KeyCode::Backquote), automatic: Some(KeyCode::Digit9), ..default() };
@@ -21,6 +29,8 @@ fn main() -> AppExit {
         ))
         .add_systems(Startup, setup)
         .add_systems(Update, (tell, turn))
+        .picture("baking", is_baking)
+        .picture("baked", all_have_levels)
         .run()
 }
 
@@ -40,6 +50,11 @@ fn tell(mut finished: MessageReader<BakeFinished>, mut failed: MessageReader<Bak
     for bake in failed.read() {
         warn!("{}: {}", bake.path, bake.error);
     }
+}
+
+/// Whether a bake is under way.
+fn is_baking(bakes: Res<Bakes>) -> bool {
+    bakes.iter().any(|(_, status)| matches!(status, BakeStatus::Baking { fraction, .. } if *fraction > 0.4))
 }
 
 fn turn(time: Res<Time>, mut models: Query<&mut Transform, With<WorldAssetRoot>>) {

@@ -2,7 +2,7 @@
 //!
 //! ```sh
 //! cargo run --example headless_bake -- shipping    # bakes everything with the profile `shipping`: without the sources
-//! cargo run --example shipping                     # shows what was baked
+//! cargo run --example shipping                     # shows what was baked; `-- --screenshot DIR` for a picture
 //! ```
 //!
 //! A game of your own has one `main.rs` for both (the README's quick start) and decides with a feature:
@@ -23,6 +23,9 @@
 //! Besides the program, a game ships `imported_assets/Default/`. `source: Drop` in the profile leaves out the source's meshes
 //! and textures; without it the source is level 0 and shown up close.
 
+#[path = "shared/pictures.rs"]
+mod pictures;
+
 use std::path::Path;
 use std::process::ExitCode;
 
@@ -30,6 +33,8 @@ use bevy::asset::AssetMode;
 use bevy::asset::io::file::FileAssetReader;
 use bevy::prelude::*;
 use bevy_simpliguard::lod::LodPlugin;
+
+use pictures::{Pictures, all_have_levels};
 
 const MODELS: [&str; 4] = ["bed.glb", "octopus.glb", "pool_table.glb", "teddy_bear.glb"];
 
@@ -41,8 +46,11 @@ fn main() -> ExitCode {
         eprintln!("{model} is not in {}: run the example headless_bake first", baked.display());
         return ExitCode::FAILURE;
     }
-    let exit =
-        App::new().add_plugins((LodPlugin::default(), DefaultPlugins.set(assets))).add_systems(Startup, setup).run();
+    let exit = App::new()
+        .add_plugins((LodPlugin::default(), DefaultPlugins.set(assets)))
+        .add_systems(Startup, setup)
+        .picture("shipping", all_have_levels)
+        .run();
     if exit.is_success() { ExitCode::SUCCESS } else { ExitCode::FAILURE }
 }
 

@@ -18,7 +18,7 @@ pub use bake::{
 pub use lod::{LodSettings, LodStats, SimpliguardLods};
 #[cfg(feature = "overlay")]
 pub use overlay::{OverlayPlugin, OverlaySettings};
-pub use plugin::{BakeMode, SimpliguardPlugin};
+pub use plugin::{BakeMode, BakePriority, SimpliguardPlugin};
 
 /// Compiles what the README shows.
 #[cfg(doctest)]

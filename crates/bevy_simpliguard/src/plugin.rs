@@ -16,6 +16,18 @@ pub enum BakeMode {
     Blocking,
 }
 
+/// How bakes stand behind the game where both want the same cores.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum BakePriority {
+    /// They take what the game leaves; of cores that it uses all the time, next to nothing.
+    #[default]
+    Lowest,
+    /// They get about a tenth of such cores.
+    Low,
+    /// They get as much as the game.
+    Normal,
+}
+
 /// Bakes levels of detail when models are imported, and switches them while the game runs. Add it before
 /// `DefaultPlugins`, and set `AssetMode::Processed`:
 ///
@@ -42,6 +54,8 @@ pub struct SimpliguardPlugin {
     pub cache_dir: Option<PathBuf>,
     /// Threads that bake; overrides `plugin.threads` of `config/simpliguard.ron`. One less than the cores by default.
     pub threads: Option<usize>,
+    /// Overrides `plugin.priority` of `config/simpliguard.ron`.
+    pub priority: Option<BakePriority>,
 }
 
 impl Plugin for SimpliguardPlugin {

@@ -18,8 +18,11 @@ use bevy::gltf::{Gltf, GltfAssetLabel, GltfPlugin};
 use bevy::log::LogPlugin;
 use bevy::mesh::MeshPlugin;
 use bevy::prelude::*;
+use bevy::tasks::ComputeTaskPool;
 use bevy::world_serialization::{WorldAssetRoot, WorldInstanceReady, WorldSerializationPlugin};
-use bevy_simpliguard::{BakeFailed, BakeFinished, BakeMode, BakeStarted, Bakes, SimpliguardPlugin};
+use bevy_simpliguard::{
+    BakeFailed, BakeFinished, BakeMode, BakePriority, BakeStarted, BakeStatus, Bakes, SimpliguardPlugin,
+};
 use serde::Deserialize;
 use serde_json::{Value, json};
 
@@ -41,7 +44,25 @@ pub(super) struct Options {
     plain: bool,
     blocking: bool,
     threads: Option<usize>,
+    priority: Option<Priority>,
     scene: Option<Scene>,
+    work: Option<Work>,
+}
+
+#[derive(Deserialize, Clone, Copy)]
+pub(super) enum Priority {
+    Lowest,
+    Low,
+    Normal,
+}
+
+/// What a game does besides, in each of its frames.
+#[derive(Deserialize, Clone, Copy)]
+pub(super) struct Work {
+    /// Milliseconds of work that each of two threads has.
+    milliseconds: f64,
+    /// Shortest frame in milliseconds.
+    frame: f64,
 }
 
 /// What happens in the game besides.
@@ -58,6 +79,8 @@ pub(super) struct Clock {
     start: Instant,
     last: Instant,
     worst: Duration,
+    /// Frames without a bake and beside one.
+    frames: [Vec<Duration>; 2],
 }
 
 #[derive(Resource)]
@@ -75,12 +98,18 @@ fn game() {
         app.add_plugins(SimpliguardPlugin {
             mode: options.blocking.then_some(BakeMode::Blocking),
             threads: options.threads,
+            priority: options.priority.map(|priority| match priority {
+                Priority::Lowest => BakePriority::Lowest,
+                Priority::Low => BakePriority::Low,
+                Priority::Normal => BakePriority::Normal,
+            }),
             ..default()
         })
         .add_systems(Update, report_bakes);
     }
+    let frame = options.work.map_or(Duration::from_millis(4), |work| Duration::from_secs_f64(work.frame / 1000.0));
     app.add_plugins((
-        MinimalPlugins.set(ScheduleRunnerPlugin::run_loop(Duration::from_millis(4))).set(one_io_thread()),
+        MinimalPlugins.set(ScheduleRunnerPlugin::run_loop(frame)).set(one_io_thread()),
         LogPlugin { filter: "info,bevy_asset=debug,bevy_simpliguard=debug".into(), ..default() },
         AssetPlugin { mode: AssetMode::Processed, ..default() },
         TransformPlugin,
@@ -96,9 +125,15 @@ fn game() {
         Some(Scene::ClipPlays) => scenes::play_clip(&mut app),
         None => {}
     }
+    if let Some(work) = options.work {
+        let rounds = work.milliseconds * rounds_per_millisecond();
+        app.add_systems(Update, move || {
+            ComputeTaskPool::get().scope(|scope| (0..2).for_each(|_| scope.spawn(async move { spin(rounds as u64) })));
+        });
+    }
     let now = Instant::now();
     app.insert_resource(options)
-        .insert_resource(Clock { start: now, last: now, worst: Duration::ZERO })
+        .insert_resource(Clock { start: now, last: now, worst: Duration::ZERO, frames: default() })
         .insert_resource(QuitAsked(quit_asked()))
         .add_systems(Startup, load)
         .add_systems(Update, (time_frames, report_models, quit))
@@ -153,10 +188,39 @@ fn load(mut commands: Commands, server: Res<AssetServer>) {
     commands.insert_resource(Models(models));
 }
 
-fn time_frames(mut clock: ResMut<Clock>) {
+fn time_frames(mut clock: ResMut<Clock>, bakes: Option<Res<Bakes>>) {
+    let is_baking =
+        bakes.is_some_and(|bakes| bakes.iter().any(|(_, status)| matches!(status, BakeStatus::Baking { .. })));
     let now = Instant::now();
-    clock.worst = clock.worst.max(now - clock.last);
+    let frame = now - clock.last;
+    clock.worst = clock.worst.max(frame);
+    clock.frames[usize::from(is_baking)].push(frame);
     clock.last = now;
+}
+
+/// Work for one core.
+fn spin(rounds: u64) {
+    let hash = |x: u64, i: u64| (x ^ i).wrapping_mul(0x9e37_79b9_7f4a_7c15).rotate_left(29);
+    std::hint::black_box((0..rounds).fold(1, hash));
+}
+
+fn rounds_per_millisecond() -> f64 {
+    const ROUNDS: u64 = 1_000_000;
+    let times = (0..20).map(|_| {
+        let start = Instant::now();
+        spin(ROUNDS);
+        start.elapsed().as_secs_f64() * 1000.0
+    });
+    ROUNDS as f64 / times.fold(f64::INFINITY, f64::min)
+}
+
+/// Mean, the time that 95 % of them take at most, and the longest, in milliseconds. The first frames are those of the start.
+fn summary(frames: &[Duration]) -> Value {
+    let mut times: Vec<f64> = frames.iter().skip(20).map(|frame| 1000.0 * frame.as_secs_f64()).collect();
+    times.sort_by(f64::total_cmp);
+    let Some(last) = times.last() else { return Value::Null };
+    let mean = times.iter().sum::<f64>() / times.len() as f64;
+    json!({ "mean": mean, "p95": times[(times.len() * 95).div_ceil(100) - 1], "worst": last })
 }
 
 fn report_bakes(
@@ -214,7 +278,13 @@ fn report_instance(ready: On<WorldInstanceReady>, clock: Res<Clock>, names: Quer
 
 fn quit(asked: Res<QuitAsked>, clock: Res<Clock>, mut exit: MessageWriter<AppExit>) {
     if asked.0.load(Ordering::Relaxed) {
-        say(&clock, json!({ "what": "end", "worst_frame": clock.worst.as_secs_f64() }));
+        say(
+            &clock,
+            json!({
+                "what": "end", "worst_frame": clock.worst.as_secs_f64(),
+                "alone": summary(&clock.frames[0]), "baking": summary(&clock.frames[1]),
+            }),
+        );
         exit.write(AppExit::Success);
     }
 }

@@ -8,7 +8,7 @@
 
 use std::time::{Duration, Instant};
 
-use super::model::{globe, globe_glb_coloured, heavy_glb, png};
+use super::model::{globe, globe_glb, globe_glb_coloured, heavy_glb, png};
 use super::project::Project;
 
 /// Time from the start of a game until it shows 1,000 models whose files are those of its last start.
@@ -79,4 +79,51 @@ fn figures_one_large_model() {
     game.wait_for_levels("ball.glb", 2);
     let end = game.quit();
     println!("500 MB: longest frame {:.0} ms", 1000.0 * end["worst_frame"].as_f64().expect("seconds"));
+}
+
+/// Frame times of a game that works on both of two cores for 8 ms a frame, and how far its bake came.
+fn frame_times(frame: f64, options: &str) {
+    let project = Project::new();
+    project.save("config/simpliguard.ron", "()");
+    project.save("assets/ball.glb", globe_glb(120));
+    let mut game = project.run_with(&format!("work: Some((milliseconds: 8, frame: {frame})), {options}"));
+    let is_plain = options.contains("plain");
+    let mut seconds = 0;
+    while seconds < 60 && game.count("finished") == 0 && (!is_plain || seconds < 10) {
+        game.listen(Duration::from_secs(1));
+        seconds += 1;
+    }
+    let baked = game.reported("finished").map(|report| report["seconds"].as_f64().expect("seconds"));
+    let end = game.quit();
+    let times = &end[if is_plain { "alone" } else { "baking" }];
+    let bake = match baked {
+        _ if is_plain => "no bake".to_owned(),
+        Some(seconds) => format!("bake of {seconds:.1} s"),
+        None => "no end of the bake within 60 s".to_owned(),
+    };
+    println!(
+        "at least {frame:>4} ms a frame, {options:<32}: mean {:.1} ms, 95 % {:.1} ms, longest {:.0} ms; {bake}",
+        times["mean"].as_f64().expect("frames"),
+        times["p95"].as_f64().expect("frames"),
+        times["worst"].as_f64().expect("frames"),
+    );
+}
+
+#[test]
+#[ignore = "a figure"]
+fn figures_frame_times_beside_a_bake() {
+    // Sixty frames a second, half of both cores; as many as there can be, all of them.
+    for frame in [16.7, 0.0] {
+        for options in [
+            "plain: true",
+            "threads: Some(1), priority: Some(Lowest)",
+            "threads: Some(1), priority: Some(Low)",
+            "threads: Some(1), priority: Some(Normal)",
+            "threads: Some(2), priority: Some(Lowest)",
+            "threads: Some(2), priority: Some(Low)",
+            "threads: Some(2), priority: Some(Normal)",
+        ] {
+            frame_times(frame, options);
+        }
+    }
 }

@@ -209,9 +209,21 @@ impl Game {
         names.filter(|name| name.starts_with("simpliguard")).count()
     }
 
+    /// The latest report of a kind.
+    pub(super) fn reported(&self, what: &str) -> Option<&Value> {
+        self.past.iter().rfind(|r| r["what"] == what)
+    }
+
     /// How many reports of a kind there were.
     pub(super) fn count(&self, what: &str) -> usize {
         self.past.iter().filter(|r| r["what"] == what).count()
+    }
+
+    /// Checks how many reports of some kinds there were.
+    #[track_caller]
+    pub(super) fn assert_counts(&mut self, wanted: &[(&str, usize)]) {
+        let counts: Vec<_> = wanted.iter().map(|&(what, _)| (what, self.count(what))).collect();
+        assert_eq!(counts, wanted, "{}", self.story());
     }
 
     /// The fewest levels that any model was loaded with.

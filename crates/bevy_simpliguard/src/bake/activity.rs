@@ -1,15 +1,16 @@
-//! Which processed files are being written, and which of their changes the game has seen.
+//! Which processed files are being read or written, and which of their changes the game has seen.
 
 use std::fs::{self, Metadata};
 use std::path::{Path, PathBuf};
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant, SystemTime};
 
 use bevy::platform::collections::HashMap;
 
-/// Time in which a game begins to load a processed file that was written. Bevy 0.19 stops for good if the same file is
-/// to be processed again right then: the game, which holds a lock of the file for reading and asks for it a second time,
-/// waits for the processor, and the processor for the game.
+use super::readers::PATIENCE;
+
+/// Time that the processor needs at most from one of its steps to the next that is seen from here, and that those who wait
+/// for its lock need to get it.
 const REST: Duration = Duration::from_secs(1);
 
 /// The processed files of a source, by their paths below it.
@@ -23,15 +24,43 @@ struct Record {
     written: Option<Instant>,
     /// When it was last read, and what was there.
     read: Option<(Instant, Stamp)>,
+    /// How many read it.
+    readers: usize,
+    /// What the processor did last with its lock.
+    lock: Option<(Lock, Instant)>,
+}
+
+/// Where the processor is with the lock of a processed file; see [`super::readers`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Lock {
+    /// It asks for it, or has found nothing to do.
+    Claimed,
+    /// It has it, or has failed.
+    Held,
+    /// It gives it back.
+    Released,
+}
+
+impl Record {
+    fn has_lock(&self, lock: Lock, now: Instant) -> bool {
+        let span = if lock == Lock::Held { PATIENCE } else { REST };
+        self.lock.is_some_and(|(state, since)| state == lock && now < since + span)
+    }
+
+    /// Whether the processor may ask for the lock.
+    fn is_free(&self, now: Instant) -> bool {
+        let locks = [Lock::Claimed, Lock::Held, Lock::Released];
+        self.busy == 0 && self.readers == 0 && !locks.iter().any(|lock| self.has_lock(*lock, now))
+    }
 }
 
 /// Tells versions of a file apart without reading it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-struct Stamp([Option<(u64, SystemTime)>; 2]);
+pub(super) struct Stamp([Option<(u64, SystemTime)>; 2]);
 
 impl Stamp {
     /// Of a file and its `.meta`.
-    fn of(file: &Path) -> Self {
+    pub(super) fn of(file: &Path) -> Self {
         let mut meta = file.as_os_str().to_owned();
         meta.push(".meta");
         let stamp = |m: Metadata| Some((m.len(), m.modified().ok()?));
@@ -51,19 +80,47 @@ impl Activity {
         self.lock().entry(path.to_owned()).or_default().written = Some(Instant::now());
     }
 
+    /// The processor is about to ask for the lock of a processed file. `false` if it has to wait.
+    pub(super) fn claim(&self, path: &Path, now: Instant) -> bool {
+        let mut records = self.lock();
+        let record = records.entry(path.to_owned()).or_default();
+        let is_free = record.is_free(now);
+        if is_free {
+            record.lock = Some((Lock::Claimed, now));
+        }
+        is_free
+    }
+
+    /// Whether the processor asks for the lock of a processed file.
+    pub(super) fn is_claimed(&self, path: &Path, now: Instant) -> bool {
+        self.lock().get(path).is_some_and(|record| record.has_lock(Lock::Claimed, now))
+    }
+
+    /// The processor has the lock of a processed file.
+    pub(super) fn held(&self, path: &Path) {
+        self.lock().entry(path.to_owned()).or_default().lock = Some((Lock::Held, Instant::now()));
+    }
+
+    /// The processor gives the lock of a processed file back.
+    pub(super) fn released(&self, path: &Path) {
+        self.lock().entry(path.to_owned()).or_default().lock = Some((Lock::Released, Instant::now()));
+    }
+
+    /// Whether a change to the source of a processed file may be told.
+    pub(super) fn is_free(&self, path: &Path, now: Instant) -> bool {
+        self.lock().get(path).is_none_or(|record| record.is_free(now))
+    }
+
     /// A processed file, at `file`, is about to be read.
     pub(super) fn read(&self, path: &Path, file: &Path) {
         let stamp = Stamp::of(file);
         self.lock().entry(path.to_owned()).or_default().read = Some((Instant::now(), stamp));
     }
 
-    /// How long a change to the source of a processed file has to wait; zero if it may be told.
-    pub(super) fn rest(&self, path: &Path, now: Instant) -> Duration {
-        match self.lock().get(path) {
-            None => Duration::ZERO,
-            Some(record) if record.busy > 0 => REST,
-            Some(record) => record.written.map_or(Duration::ZERO, |at| (at + REST).saturating_duration_since(now)),
-        }
+    /// A processed file, or its `.meta`, is being read until the guard is dropped.
+    pub(super) fn reading(self: &Arc<Self>, path: &Path) -> Reading {
+        self.lock().entry(path.to_owned()).or_default().readers += 1;
+        Reading { activity: self.clone(), path: path.to_owned() }
     }
 
     /// Whether the processed file at `file` is other than it was when it was last read.
@@ -94,23 +151,47 @@ impl Drop for Processing<'_> {
     }
 }
 
+/// See [`Activity::reading`].
+pub(super) struct Reading {
+    activity: Arc<Activity>,
+    path: PathBuf,
+}
+
+impl Drop for Reading {
+    fn drop(&mut self) {
+        let mut records = self.activity.lock();
+        if let Some(record) = records.get_mut(&self.path) {
+            record.readers -= 1;
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
 
     #[test]
-    fn a_file_rests_while_it_is_processed_and_after() {
-        let activity = Activity::default();
+    fn a_file_is_free_when_nobody_reads_or_processes_it() {
+        let activity = Arc::new(Activity::default());
         let path = Path::new("a.glb");
-        let rest = || activity.rest(path, Instant::now());
-        assert_eq!(rest(), Duration::ZERO);
+        let (start, soon) = (Instant::now(), || Instant::now() + REST);
+        assert!(activity.is_free(path, start));
+        let (one, two) = (activity.reading(path), activity.reading(path));
+        drop(one);
+        assert!(!activity.claim(path, soon()) && activity.is_free(Path::new("b.glb"), start));
+        drop(two);
+        // What is claimed and left is free again after a while.
+        assert!(activity.claim(path, start) && !activity.claim(path, start) && activity.is_claimed(path, start));
+        assert!(activity.is_free(path, soon()) && activity.claim(path, soon()));
+        activity.held(path);
+        assert!(!activity.is_free(path, soon()) && !activity.is_claimed(path, start));
+        activity.released(path);
+        assert!(!activity.is_free(path, start) && activity.is_free(path, soon()));
         let (one, two) = (activity.processing(path), activity.processing(path));
         drop(one);
-        assert_eq!(activity.rest(path, Instant::now() + REST * 2), REST);
+        assert!(!activity.is_free(path, soon()));
         drop(two);
-        assert!(rest() > Duration::ZERO && rest() <= REST);
-        assert_eq!(activity.rest(path, Instant::now() + REST), Duration::ZERO);
-        assert_eq!(activity.rest(Path::new("b.glb"), Instant::now()), Duration::ZERO);
+        assert!(activity.is_free(path, soon()));
     }
 
     #[test]

@@ -16,6 +16,7 @@ use bevy::asset::io::{
 use bevy::prelude::*;
 
 use super::activity::Activity;
+use super::readers::{TiedReader, written};
 use super::watch;
 
 /// Time without a change to a file before the change is told.
@@ -56,8 +57,11 @@ impl Folders {
     /// The source. Without `process` its processed side cannot be written: Bevy's processor leaves the source alone, and
     /// the game reads what is there.
     pub(super) fn source(&self, process: bool) -> AssetSourceBuilder {
-        let source = LateReader { files: self.source.clone(), reads: None };
-        let processed = LateReader { files: self.processed.clone(), reads: Some(self.activity.clone()) };
+        let reader = |files: &Late<FileAssetReader>, is_processed| {
+            let (files, activity) = (files.clone(), self.activity.clone());
+            LateReader { files, is_processed, activity }
+        };
+        let (source, processed) = (reader(&self.source, false), reader(&self.processed, true));
         let source_writer = LateWriter { files: self.source_writer.clone(), writes: None };
         let processed_writer = LateWriter { files: self.processed_writer.clone(), writes: Some(self.activity.clone()) };
         let (source_watch, processed_watch) = (self.source_watch.clone(), self.processed_watch.clone());
@@ -132,21 +136,43 @@ fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 #[derive(Clone)]
 struct LateReader {
     files: Late<FileAssetReader>,
-    /// Told of every file that is read.
-    reads: Option<Arc<Activity>>,
+    /// Whether they are the processed ones.
+    is_processed: bool,
+    activity: Arc<Activity>,
+}
+
+impl LateReader {
+    /// Opens a file, at `file`, once it may be read.
+    async fn open<R: Reader>(
+        &self,
+        path: &Path,
+        file: &Path,
+        inner: impl Future<Output = Result<R, AssetReaderError>>,
+    ) -> Result<TiedReader<R>, AssetReaderError> {
+        if self.is_processed {
+            let reading = self.activity.reading(path);
+            return Ok(TiedReader::of_processed(inner.await?, reading));
+        }
+        written(file).await;
+        Ok(TiedReader::of_source(inner.await?, &self.activity, path))
+    }
 }
 
 impl AssetReader for LateReader {
     async fn read<'a>(&'a self, path: &'a Path) -> Result<impl Reader + 'a, AssetReaderError> {
         let files = self.files.wait().await;
-        if let Some(reads) = &self.reads {
-            reads.read(path, &files.root_path().join(path));
+        let file = files.root_path().join(path);
+        if self.is_processed {
+            self.activity.read(path, &file);
         }
-        AssetReader::read(files, path).await
+        self.open(path, &file, AssetReader::read(files, path)).await
     }
 
     async fn read_meta<'a>(&'a self, path: &'a Path) -> Result<impl Reader + 'a, AssetReaderError> {
-        AssetReader::read_meta(self.files.wait().await, path).await
+        let files = self.files.wait().await;
+        let mut file = files.root_path().join(path).into_os_string();
+        file.push(".meta");
+        self.open(path, Path::new(&file), AssetReader::read_meta(files, path)).await
     }
 
     async fn read_directory<'a>(&'a self, path: &'a Path) -> Result<Box<PathStream>, AssetReaderError> {
@@ -176,11 +202,18 @@ impl LateWriter {
 impl AssetWriter for LateWriter {
     async fn write<'a>(&'a self, path: &'a Path) -> Result<Box<Writer>, AssetWriterError> {
         self.note(path);
+        if let Some(writes) = &self.writes {
+            writes.held(path);
+        }
         AssetWriter::write(self.files.wait().await, path).await
     }
 
     async fn write_meta<'a>(&'a self, path: &'a Path) -> Result<Box<Writer>, AssetWriterError> {
         self.note(path);
+        if let Some(writes) = &self.writes {
+            // Nothing follows but the end of the transaction.
+            writes.released(path);
+        }
         AssetWriter::write_meta(self.files.wait().await, path).await
     }
 

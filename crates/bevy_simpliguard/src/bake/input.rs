@@ -1,9 +1,10 @@
 //! A model and everything that decides its bake, read through Bevy.
 
 use std::collections::BTreeMap;
-use std::path::Path;
+use std::path::{Path, PathBuf};
+use std::time::Instant;
 
-use bevy::asset::io::{AssetReaderError, Reader};
+use bevy::asset::io::{AssetReaderError, AssetSourceId, Reader};
 use bevy::asset::processor::AssetProcessor;
 use bevy::asset::{Asset, AssetLoader, AssetPath, LoadContext};
 use bevy::prelude::*;
@@ -11,10 +12,45 @@ use bytes::Bytes;
 use simpliguard::gltf::external_uris;
 use simpliguard::{RelativeUri, Resources, Source};
 
+use super::activity::Stamp;
 use super::names::is_model;
 use super::project::Project;
+use super::readers::PATIENCE;
 
-/// The bytes of a model file and of the files it refers to, as they are in the asset source.
+/// Where models and the files they refer to are read from: as they are in their asset sources, outside of Bevy's processing.
+#[derive(Clone)]
+pub(super) struct Files {
+    pub(super) processor: AssetProcessor,
+    /// The folder of the default source.
+    pub(super) root: PathBuf,
+}
+
+impl Files {
+    /// Whether a file can be opened.
+    pub(super) async fn exists(&self, path: &AssetPath<'static>) -> bool {
+        let Ok(source) = self.processor.get_source(path.source().clone_owned()) else { return false };
+        source.reader().read(path.path()).await.is_ok()
+    }
+
+    async fn read(&self, path: &AssetPath<'static>) -> Result<Bytes, String> {
+        let explain = |e: AssetReaderError| match e {
+            AssetReaderError::NotFound(_) => "there is no such file".to_owned(),
+            e => e.to_string(),
+        };
+        let source = self.processor.get_source(path.source().clone_owned()).map_err(|e| e.to_string())?;
+        let mut reader = source.reader().read(path.path()).await.map_err(explain)?;
+        let mut bytes = Vec::new();
+        reader.read_to_end(&mut bytes).await.map_err(|e| e.to_string())?;
+        Ok(bytes.into())
+    }
+
+    /// What tells versions of a file apart. Those of other sources than the default one have none.
+    fn stamp(&self, path: &AssetPath<'static>) -> Option<Stamp> {
+        (*path.source() == AssetSourceId::Default).then(|| Stamp::of(&self.root.join(path.path())))
+    }
+}
+
+/// The bytes of a model file and of the files it refers to.
 #[derive(Clone, Debug, Default)]
 pub(super) struct SourceFiles {
     /// For messages.
@@ -24,25 +60,26 @@ pub(super) struct SourceFiles {
 }
 
 impl SourceFiles {
-    /// Reads a model again, outside of Bevy's processing.
-    pub(super) async fn read(processor: &AssetProcessor, path: &AssetPath<'static>) -> Result<Self, String> {
-        let bytes = read(processor, path).await?;
-        Self::with_external_files(processor, path, bytes).await
-    }
-
-    async fn with_external_files(
-        processor: &AssetProcessor,
-        path: &AssetPath<'static>,
-        bytes: Bytes,
-    ) -> Result<Self, String> {
-        let name = path.to_string();
-        let mut beside = BTreeMap::new();
-        // What is no glTF refers to nothing; the bake says what is wrong with it.
-        for uri in external_uris(&name, &bytes).unwrap_or_default() {
-            let content = read(processor, &neighbour(path, &uri)).await;
-            beside.insert(uri, content);
+    /// Reads a model. If a file changes meanwhile all are read again, unless that never ends.
+    pub(super) async fn read(files: &Files, path: &AssetPath<'static>) -> Result<Self, String> {
+        let start = Instant::now();
+        loop {
+            let mut stamps = vec![(path.clone(), files.stamp(path))];
+            let bytes = files.read(path).await?;
+            let name = path.to_string();
+            let mut beside = BTreeMap::new();
+            // What is no glTF refers to nothing; the bake says what is wrong with it.
+            for uri in external_uris(&name, &bytes).unwrap_or_default() {
+                let neighbour = neighbour(path, &uri);
+                stamps.push((neighbour.clone(), files.stamp(&neighbour)));
+                beside.insert(uri, files.read(&neighbour).await);
+            }
+            let is_one = stamps.iter().all(|(path, stamp)| files.stamp(path) == *stamp);
+            if is_one || start.elapsed() > PATIENCE {
+                return Ok(Self { name, bytes, beside });
+            }
+            debug!("{path}: its files change while they are read");
         }
-        Ok(Self { name, bytes, beside })
     }
 
     /// As the chain takes it.
@@ -74,24 +111,6 @@ fn neighbour(path: &AssetPath<'static>, uri: &RelativeUri) -> AssetPath<'static>
     AssetPath::from(folder.join(uri.as_str())).with_source(path.source().clone_owned())
 }
 
-/// Whether a file can be opened.
-pub(super) async fn exists(processor: &AssetProcessor, path: &AssetPath<'static>) -> bool {
-    let Ok(source) = processor.get_source(path.source().clone_owned()) else { return false };
-    source.reader().read(path.path()).await.is_ok()
-}
-
-async fn read(processor: &AssetProcessor, path: &AssetPath<'static>) -> Result<Bytes, String> {
-    let explain = |e: AssetReaderError| match e {
-        AssetReaderError::NotFound(_) => "there is no such file".to_owned(),
-        e => e.to_string(),
-    };
-    let source = processor.get_source(path.source().clone_owned()).map_err(|e| e.to_string())?;
-    let mut reader = source.reader().read(path.path()).await.map_err(explain)?;
-    let mut bytes = Vec::new();
-    reader.read_to_end(&mut bytes).await.map_err(|e| e.to_string())?;
-    Ok(bytes.into())
-}
-
 /// Everything [`super::process::SimpliguardProcess`] needs to know of a model.
 #[derive(Asset, TypePath, Debug)]
 pub(super) struct Input {
@@ -106,7 +125,7 @@ pub(super) struct Input {
 /// the result, so that it never fails.
 #[derive(TypePath)]
 pub(super) struct InputLoader {
-    pub(super) processor: AssetProcessor,
+    pub(super) files: Files,
 }
 
 impl AssetLoader for InputLoader {
@@ -114,12 +133,10 @@ impl AssetLoader for InputLoader {
     type Settings = ();
     type Error = std::io::Error;
 
-    async fn load(&self, reader: &mut dyn Reader, (): &(), context: &mut LoadContext<'_>) -> std::io::Result<Input> {
+    /// `Reader` is of no use: it may have been opened before the file was written again.
+    async fn load(&self, _: &mut dyn Reader, (): &(), context: &mut LoadContext<'_>) -> std::io::Result<Input> {
         let path = context.path().clone();
-        let mut bytes = Vec::new();
-        reader.read_to_end(&mut bytes).await?;
-        let files = SourceFiles::with_external_files(&self.processor, &path, bytes.into()).await;
-        let files = files.map_err(std::io::Error::other)?;
+        let files = SourceFiles::read(&self.files, &path).await.map_err(std::io::Error::other)?;
         // Read through Bevy once more, each becomes a process dependency: the model is processed again when it changes.
         // Its bytes may have been through a processor of their own and are of no use here.
         // Two models that name each other, or one that names itself, would wait for each other for ever.
@@ -139,7 +156,7 @@ impl AssetLoader for InputLoader {
 
 impl InputLoader {
     async fn meta(&self, path: &AssetPath<'static>) -> Option<String> {
-        let source = self.processor.get_source(path.source().clone_owned()).ok()?;
+        let source = self.files.processor.get_source(path.source().clone_owned()).ok()?;
         let bytes = source.reader().read_meta_bytes(path.path()).await.ok()?;
         Some(String::from_utf8_lossy(&bytes).into_owned())
     }

@@ -17,6 +17,7 @@ mod names;
 mod process;
 mod project;
 mod queue;
+mod readers;
 mod status;
 mod watch;
 mod worker;
@@ -30,17 +31,17 @@ use bevy::asset::io::{AssetSourceBuilders, AssetSourceId};
 use bevy::asset::processor::AssetProcessor;
 use bevy::image::{CompressedImageFormatSupport, CompressedImageFormats, ImageLoader, ImagePlugin};
 use bevy::prelude::*;
-use simpliguard::settings::ProjectSettings;
+use simpliguard::settings::{self, ProjectSettings};
 
 pub use events::{BakeFailed, BakeFinished, BakeProgress, BakeStarted};
 pub use process::{MetaSettings, SimpliguardProcess};
 pub use status::{BakeStatus, Bakes};
 
-use crate::{BakeMode, SimpliguardPlugin};
+use crate::{BakeMode, BakePriority, SimpliguardPlugin};
 use baker::Baker;
 use events::{EventReceiver, deliver};
 use folders::{Folders, Use};
-use input::{Input, InputLoader};
+use input::{Files, Input, InputLoader};
 use journal::Journal;
 use lock::{NoLog, ProcessorLock};
 use project::Project;
@@ -129,7 +130,8 @@ fn start(plugin: &SimpliguardPlugin, app: &mut App, processor: AssetProcessor, f
         Ok(count) => info!("{count} models are still to be baked"),
         Err(error) => warn!("models whose bakes were interrupted have to be saved again: {error}"),
     }
-    if let Err(error) = worker::start(&baker, &processor, threads(plugin, &configured)) {
+    let files = Files { processor, root: base.join(&paths.source) };
+    if let Err(error) = worker::start(&baker, &files, threads(plugin, &configured), priority(plugin, &configured)) {
         error!("no levels are baked: cannot start the threads: {error}");
         return;
     }
@@ -138,7 +140,7 @@ fn start(plugin: &SimpliguardPlugin, app: &mut App, processor: AssetProcessor, f
         .add_systems(PreUpdate, deliver)
         .add_systems(Last, close_with_game)
         .init_asset::<Input>()
-        .register_asset_loader(InputLoader { processor })
+        .register_asset_loader(InputLoader { files })
         .register_asset_processor(SimpliguardProcess { baker });
     for extension in names::extensions(&base.join(&paths.source)) {
         app.set_default_asset_processor::<SimpliguardProcess>(&extension);
@@ -156,8 +158,17 @@ pub(crate) fn cleanup(app: &mut App) {
 
 fn mode(plugin: &SimpliguardPlugin, configured: &ProjectSettings) -> BakeMode {
     plugin.mode.unwrap_or(match configured.mode.unwrap_or_default() {
-        simpliguard::settings::BakeMode::Progressive => BakeMode::Progressive,
-        simpliguard::settings::BakeMode::Blocking => BakeMode::Blocking,
+        settings::BakeMode::Progressive => BakeMode::Progressive,
+        settings::BakeMode::Blocking => BakeMode::Blocking,
+    })
+}
+
+fn priority(plugin: &SimpliguardPlugin, configured: &ProjectSettings) -> BakePriority {
+    plugin.priority.unwrap_or(match configured.priority {
+        None => BakePriority::default(),
+        Some(settings::BakePriority::Lowest) => BakePriority::Lowest,
+        Some(settings::BakePriority::Low) => BakePriority::Low,
+        Some(settings::BakePriority::Normal) => BakePriority::Normal,
     })
 }
 

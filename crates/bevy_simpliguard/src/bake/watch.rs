@@ -1,11 +1,11 @@
-//! Changes to files, told when they are to be heard: those of sources once each and never while the processor is busy
-//! with the file, those of processed models only if the game has not seen them.
+//! Changes to files, told when they are to be heard: those of sources once each and not while the processor is busy with
+//! the file, those of processed models only if the game has not seen them.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::thread;
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 use bevy::asset::io::AssetSourceEvent;
 use bevy::asset::io::file::FileAssetReader;
@@ -15,16 +15,10 @@ use walkdir::WalkDir;
 
 use super::activity::Activity;
 use super::names::is_model;
+use super::readers::{PATIENCE, QUIET, TICK};
 
 type Sender = async_channel::Sender<AssetSourceEvent>;
 type Receiver = async_channel::Receiver<AssetSourceEvent>;
-
-/// A file that did not change for so long is told.
-const QUIET: Duration = Duration::from_millis(200);
-/// A file that never stops changing is told all the same.
-const PATIENCE: Duration = Duration::from_secs(10);
-/// Time between two looks at what waits.
-const TICK: Duration = Duration::from_millis(25);
 
 /// Passes on changes below the source folder `folder`, in a thread that ends with the watcher.
 pub(super) fn tell_when_calm(folder: &str, changes: Receiver, out: Sender, activity: Arc<Activity>) {
@@ -150,7 +144,7 @@ impl Unrest {
     /// What is to be told now: the files as they are, whatever happened to them meanwhile.
     fn calm(&mut self, now: Instant, activity: &Activity) -> Vec<AssetSourceEvent> {
         let is_calm = |path: &Path, change: &Change| {
-            (now >= change.last + QUIET || now >= change.first + PATIENCE) && activity.rest(path, now).is_zero()
+            (now >= change.last + QUIET || now >= change.first + PATIENCE) && activity.is_free(path, now)
         };
         let calm = self.files.extract_if(.., |path, change| is_calm(path, change)).collect::<Vec<_>>();
         calm.into_iter().flat_map(|(path, change)| self.state_of(path, change, now)).collect()
@@ -215,9 +209,9 @@ mod tests {
         let path = asset("a.glb");
         let processing = activity.processing(&path);
         assert_eq!(unrest.calm(start + QUIET, &activity), []);
+        assert_eq!(unrest.calm(start + PATIENCE, &activity), []);
         drop(processing);
-        assert_eq!(unrest.calm(start + QUIET, &activity), []);
-        assert_eq!(unrest.calm(start + PATIENCE, &activity).len(), 1);
+        assert_eq!(unrest.calm(start + QUIET, &activity).len(), 1);
     }
 
     #[test]

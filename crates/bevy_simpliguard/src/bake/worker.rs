@@ -5,49 +5,60 @@ use std::time::{Duration, Instant};
 use std::{io, thread};
 
 use bevy::asset::AssetPath;
-use bevy::asset::processor::AssetProcessor;
 use bevy::prelude::*;
 use bevy::tasks::block_on;
 use rayon::{ThreadPool, ThreadPoolBuilder};
 use simpliguard::{Context, Error, Progress, ProgressSink, Report, StageStore, Status};
 use simpliguard_cache::{BakeResult, Notice, Once, bake_key};
-use thread_priority::ThreadPriority;
+use thread_priority::{ThreadPriority, ThreadPriorityValue};
 
 use super::baker::{Baker, Order};
 use super::events::{BakeFinished, BakeProgress, BakeStarted, Event};
-use super::input::{SourceFiles, exists};
+use super::input::{Files, SourceFiles};
 use super::queue::{Delivery, Taken};
+use crate::BakePriority;
 
 /// Threads that share a bake before a second one runs beside it: each holds a model and its levels in memory.
 const THREADS_PER_BAKE: usize = 4;
 const MOST_BAKES: usize = 4;
+/// A nice value of 9; on Windows below normal.
+const LOW: u8 = 25;
 /// What computes a result; part of its record, not of its key.
 const MADE_BY: &str = "cpu";
 
-/// Starts the workers, which end when the queue is closed. `threads` is how many compute; all of them stand back behind
-/// the game's own.
-pub(super) fn start(baker: &Arc<Baker>, processor: &AssetProcessor, threads: usize) -> io::Result<()> {
+/// Starts the workers, which end when the queue is closed. `threads` is how many compute.
+pub(super) fn start(baker: &Arc<Baker>, files: &Files, threads: usize, priority: BakePriority) -> io::Result<()> {
     let pool = ThreadPoolBuilder::new()
         .num_threads(threads)
         .thread_name(|i| format!("simpliguard {i}"))
-        .start_handler(|_| {
-            if let Err(error) = ThreadPriority::Min.set_for_current() {
-                debug!("bakes run at the game's own priority: {error:?}");
-            }
-        })
+        .start_handler(move |_| stand_back(priority))
         .build()
         .map_err(io::Error::other)?;
     let pool = Arc::new(pool);
     for i in 0..(threads / THREADS_PER_BAKE).clamp(1, MOST_BAKES) {
-        let worker = Worker { baker: baker.clone(), processor: processor.clone(), pool: pool.clone() };
+        let worker = Worker { baker: baker.clone(), files: files.clone(), pool: pool.clone() };
         thread::Builder::new().name(format!("simpliguard bake {i}")).spawn(move || worker.run())?;
     }
     Ok(())
 }
 
+/// Gives the calling thread its priority.
+fn stand_back(priority: BakePriority) {
+    let priority = match priority {
+        BakePriority::Lowest => ThreadPriority::Min,
+        BakePriority::Low => {
+            ThreadPriorityValue::try_from(LOW).map_or(ThreadPriority::Min, ThreadPriority::Crossplatform)
+        }
+        BakePriority::Normal => return,
+    };
+    if let Err(error) = priority.set_for_current() {
+        debug!("bakes run at the game's own priority: {error:?}");
+    }
+}
+
 struct Worker {
     baker: Arc<Baker>,
-    processor: AssetProcessor,
+    files: Files,
     pool: Arc<ThreadPool>,
 }
 
@@ -87,14 +98,14 @@ impl Worker {
 
     fn is_still_missing(&self, taken: &Taken) -> bool {
         let missing = &taken.job.missing;
-        !missing.is_empty() && !missing.iter().any(|path| block_on(exists(&self.processor, path)))
+        !missing.is_empty() && !missing.iter().any(|path| block_on(self.files.exists(path)))
     }
 
     /// Looks in the cache once more, bakes if need be, and brings the result where it belongs.
     fn work(&self, taken: &mut Taken) -> Result<BakeFinished, Stop> {
         let path = taken.job.order.path.clone();
         let unreadable = |error| Stop::Failed(format!("{path}: {error}"));
-        let files = block_on(SourceFiles::read(&self.processor, &path)).map_err(unreadable)?;
+        let files = block_on(SourceFiles::read(&self.files, &path)).map_err(unreadable)?;
         let key = bake_key(&files.source(), &taken.job.order.settings)?;
         if key != taken.job.order.key {
             if !self.baker.queue.rekey(taken, key) {

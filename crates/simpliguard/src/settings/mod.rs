@@ -25,7 +25,7 @@ pub use fields::{
 };
 pub use importance::Importance;
 pub use meta::parse_meta;
-pub use project::{BakeMode, CacheSettings, ProjectFile, ProjectSettings, Rule, parse_cache_size};
+pub use project::{BakeMode, BakePriority, CacheSettings, ProjectFile, ProjectSettings, Rule, parse_cache_size};
 pub use resolve::{Effective, Layer, Origin, Resolved, resolve};
 pub use target::Target;
 pub use text::parse_overrides;

@@ -45,6 +45,8 @@ pub struct ProjectSettings {
     pub mode: Option<BakeMode>,
     /// Threads that bake while a game runs.
     pub threads: Option<NonZeroU32>,
+    /// How they stand behind the game's own.
+    pub priority: Option<BakePriority>,
 }
 
 /// Where results are kept, and how many.
@@ -73,6 +75,17 @@ pub enum BakeMode {
     Progressive,
     /// A model appears when its levels are done: for builds and automatic tests.
     Blocking,
+}
+
+/// How bakes stand behind the game that they run in, where both want the same cores.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+pub enum BakePriority {
+    /// They take what the game leaves.
+    Lowest,
+    /// They get about a tenth of cores that the game uses all the time.
+    Low,
+    /// They get as much as the game.
+    Normal,
 }
 
 /// Overrides for some of the models.
@@ -139,6 +152,8 @@ struct PluginContents {
     mode: Option<BakeMode>,
     #[serde(with = "serde_with::rust::unwrap_or_skip")]
     threads: Option<NonZeroU32>,
+    #[serde(with = "serde_with::rust::unwrap_or_skip")]
+    priority: Option<BakePriority>,
 }
 
 impl ProjectFile {
@@ -148,8 +163,8 @@ impl ProjectFile {
     /// Reads a project file. `file` is for messages and origins.
     pub fn parse(text: &str, file: &str) -> Result<Self, Error> {
         let Contents { defaults, rules, profiles, cache, plugin } = parse(text, file)?;
-        let PluginContents { mode, threads } = plugin;
-        let project = ProjectSettings { cache, mode, threads };
+        let PluginContents { mode, threads, priority } = plugin;
+        let project = ProjectSettings { cache, mode, threads, priority };
         Ok(Self { file: file.to_owned(), defaults, rules, profiles, project })
     }
 
@@ -194,7 +209,7 @@ mod tests {
         ],
         profiles: {"vr": (quality: Best)},
         cache: (dir: "../cache", max_size: "1.5 GiB", shared: "s3://levels", shared_read_only: true),
-        plugin: (mode: Blocking, threads: 3),
+        plugin: (mode: Blocking, threads: 3, priority: Low),
     )"#;
 
     #[test]
@@ -215,6 +230,7 @@ mod tests {
         assert_eq!(file.project.cache.shared.as_deref(), Some("s3://levels"));
         assert!(file.project.cache.shared_read_only);
         assert_eq!((file.project.mode, file.project.threads), (Some(BakeMode::Blocking), NonZeroU32::new(3)));
+        assert_eq!(file.project.priority, Some(BakePriority::Low));
     }
 
     #[test]

@@ -1,0 +1,207 @@
+//! Readers between the files and Bevy, which wait for two things.
+//!
+//! A source is not read while it is being written: what is read then is half of it.
+//!
+//! A source has no end before the processor may ask for the lock of the processed file. In Bevy 0.19 a load takes that lock
+//! twice: with the `.meta`, and while it has that, with the file (`AssetServer::get_meta_loader_and_reader`). The processor
+//! asks for it once it has hashed the source (`AssetProcessor::process_asset_internal`), and while a writer waits, no reader
+//! gets it. If it asks between a load's two, the load waits for the processor and the processor for the load, for ever; and
+//! so it does if it asks while it processes the file already, since the load goes between the two.
+
+use std::fs;
+use std::io::{self, Read};
+use std::path::{Path, PathBuf};
+use std::pin::Pin;
+use std::sync::Arc;
+use std::task::{Context, Poll, ready};
+use std::time::{Duration, Instant};
+
+use async_io::Timer;
+use bevy::asset::io::{Reader, ReaderNotSeekableError, STACK_FUTURE_SIZE, SeekableReader, StackFuture};
+use bevy::tasks::futures_lite::AsyncRead;
+
+use super::activity::{Activity, Reading};
+
+/// A file that did not change for so long is written.
+pub(super) const QUIET: Duration = Duration::from_millis(200);
+/// The same of one that is not whole.
+const LONG_QUIET: Duration = Duration::from_secs(2);
+/// A file that never stops changing is taken as it is.
+pub(super) const PATIENCE: Duration = Duration::from_secs(10);
+/// Time between two looks at what is waited for.
+pub(super) const TICK: Duration = Duration::from_millis(25);
+
+/// Waits until a file is written. One that is not there is not waited for.
+pub(super) async fn written(file: &Path) {
+    let start = Instant::now();
+    while start.elapsed() < PATIENCE {
+        match age(file) {
+            Ok(age) if age < QUIET => Timer::after(QUIET - age).await,
+            Ok(age) if age < LONG_QUIET && !is_whole(file).unwrap_or(true) => Timer::after(TICK).await,
+            _ => return,
+        };
+    }
+}
+
+/// Time since a file was changed. A time to come is that of another machine's clock.
+fn age(file: &Path) -> io::Result<Duration> {
+    Ok(fs::metadata(file)?.modified()?.elapsed().unwrap_or(LONG_QUIET))
+}
+
+/// Whether a file is all that it says it is: not empty and, if it is a binary glTF, as long as its header says.
+fn is_whole(file: &Path) -> io::Result<bool> {
+    let (mut file, mut header) = (fs::File::open(file)?, Vec::new());
+    file.by_ref().take(12).read_to_end(&mut header)?;
+    Ok(match header[..] {
+        [] => false,
+        [b'g', b'l', b'T', b'F', _, _, _, _, a, b, c, d] => {
+            file.metadata()?.len() >= u64::from(u32::from_le_bytes([a, b, c, d]))
+        }
+        _ => true,
+    })
+}
+
+/// Reads a source or a processed file.
+pub(super) struct TiedReader<R> {
+    inner: R,
+    /// What is passed at the end of a source.
+    gate: Option<Gate>,
+    /// Tells that a processed file is read.
+    _reading: Option<Reading>,
+}
+
+struct Gate {
+    activity: Arc<Activity>,
+    path: PathBuf,
+    pause: Option<Timer>,
+}
+
+impl<R: Reader> TiedReader<R> {
+    /// A reader of a source. The processor's second one, for what it makes of the source, is not stopped any more.
+    pub(super) fn of_source(inner: R, activity: &Arc<Activity>, path: &Path) -> Self {
+        let gate = Gate { activity: activity.clone(), path: path.to_owned(), pause: None };
+        Self { inner, gate: (!activity.is_claimed(path, Instant::now())).then_some(gate), _reading: None }
+    }
+
+    /// A reader of a processed file.
+    pub(super) fn of_processed(inner: R, reading: Reading) -> Self {
+        Self { inner, gate: None, _reading: Some(reading) }
+    }
+}
+
+impl Gate {
+    fn poll_passed(&mut self, context: &mut Context<'_>) -> Poll<()> {
+        while !self.activity.claim(&self.path, Instant::now()) {
+            let pause = self.pause.get_or_insert_with(|| Timer::after(TICK));
+            ready!(Future::poll(Pin::new(pause), context));
+            self.pause = None;
+        }
+        Poll::Ready(())
+    }
+}
+
+impl<R: Reader> AsyncRead for TiedReader<R> {
+    fn poll_read(mut self: Pin<&mut Self>, context: &mut Context<'_>, buffer: &mut [u8]) -> Poll<io::Result<usize>> {
+        let read = ready!(Pin::new(&mut self.inner).poll_read(context, buffer));
+        if let (Ok(0), Some(gate)) = (&read, &mut self.gate) {
+            ready!(gate.poll_passed(context));
+            self.gate = None;
+        }
+        Poll::Ready(read)
+    }
+}
+
+impl<R: Reader> Reader for TiedReader<R> {
+    /// The processor hashes piece by piece; what is read as a whole need not wait.
+    fn read_to_end<'a>(&'a mut self, buffer: &'a mut Vec<u8>) -> StackFuture<'a, io::Result<usize>, STACK_FUTURE_SIZE> {
+        self.inner.read_to_end(buffer)
+    }
+
+    fn seekable(&mut self) -> Result<&mut dyn SeekableReader, ReaderNotSeekableError> {
+        self.inner.seekable()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::thread;
+    use std::time::SystemTime;
+
+    use bevy::asset::io::VecReader;
+    use bevy::tasks::block_on;
+    use bevy::tasks::futures_lite::AsyncReadExt;
+
+    use super::*;
+
+    /// As the processor hashes.
+    async fn hash(mut reader: TiedReader<VecReader>) -> usize {
+        let (mut bytes, mut buffer) = (0, [0; 2]);
+        loop {
+            match reader.read(&mut buffer).await.expect("reads") {
+                0 => return bytes,
+                n => bytes += n,
+            }
+        }
+    }
+
+    #[test]
+    fn a_source_has_no_end_while_the_processed_file_is_read() {
+        let (activity, path) = (Arc::new(Activity::default()), Path::new("a.glb"));
+        let source = |path: &str| TiedReader::of_source(VecReader::new(vec![1; 5]), &activity, Path::new(path));
+        let [meta, file] = [(); 2].map(|()| activity.reading(path));
+        assert_eq!(block_on(hash(source("b.glb"))), 5);
+        let (mut bytes, mut whole) = (Vec::new(), source("a.glb"));
+        assert_eq!(block_on(Reader::read_to_end(&mut whole, &mut bytes)).expect("reads"), 5);
+        let [first, second] = [(); 2].map(|()| source("a.glb"));
+        thread::scope(|scope| {
+            let first = scope.spawn(|| block_on(hash(first)));
+            drop(meta);
+            thread::sleep(TICK * 3);
+            assert!(!first.is_finished());
+            drop(file);
+            assert_eq!(first.join().expect("no panic"), 5);
+            // It has asked for the lock: what it reads then has an end, and nobody else's.
+            assert_eq!(block_on(hash(source("a.glb"))), 5);
+            activity.held(path);
+            let second = scope.spawn(|| block_on(hash(second)));
+            thread::sleep(TICK * 3);
+            assert!(!second.is_finished());
+            activity.released(path);
+            assert_eq!(second.join().expect("no panic"), 5);
+        });
+    }
+
+    #[test]
+    fn a_file_that_is_being_written_is_waited_for() {
+        let dir = tempfile::tempdir().expect("tempdir");
+        let file = dir.path().join("a.glb");
+        block_on(written(&file));
+        fs::write(&file, "1").expect("writes");
+        thread::scope(|scope| {
+            let wait = scope.spawn(|| block_on(written(&file)));
+            let mut last = Instant::now();
+            for size in 0..4 {
+                thread::sleep(QUIET / 4);
+                last = Instant::now();
+                fs::write(&file, vec![1; size]).expect("writes");
+            }
+            wait.join().expect("no panic");
+            assert!(last.elapsed() >= QUIET * 9 / 10);
+        });
+        let start = Instant::now();
+        fs::write(&file, b"glTF\x02\0\0\0\x0e\0\0\0J").expect("writes");
+        assert!(!is_whole(&file).expect("reads"));
+        block_on(written(&file));
+        assert!(start.elapsed() >= LONG_QUIET * 9 / 10);
+        for whole in [&b"glTF\x02\0\0\0\x0e\0\0\0JS"[..], b"{}"] {
+            fs::write(&file, whole).expect("writes");
+            assert!(is_whole(&file).expect("reads"));
+        }
+        let tomorrow = SystemTime::now() + Duration::from_secs(86_400);
+        let start = Instant::now();
+        block_on(written(&file));
+        fs::File::options().write(true).open(&file).and_then(|f| f.set_modified(tomorrow)).expect("sets");
+        block_on(written(&file));
+        assert!(start.elapsed() < PATIENCE / 2);
+    }
+}
