@@ -12,7 +12,7 @@ use crate::refine::{self, LowPoly, Refined, Skin, Solver, TextureDescent, Textur
 use crate::render::{Frame, Motions, SurfaceSample, SurfaceSampler, View};
 use crate::rig::{self, Donor, Poses, Split, StandIns, Transfer};
 use crate::settings::{BakeSettings, InitialTexture, MorphTargets, SkinTransfer, TextureSolver};
-use crate::shape::{Cards, Gauge, JointPlanes, Road, Shape};
+use crate::shape::{self, Cards, Gauge, JointPlanes, Road, Shape};
 use crate::texture::{self, Channels, Texel};
 use crate::unwrap::{Atlas, UnwrapParams, unwrap};
 use crate::{Bvh, Context, Error, Key, StageId};
@@ -70,9 +70,11 @@ fn make_level(shared: &Shared<'_>, number: u32, budget: u32, shape: &Shape) -> R
     let size = if shape.cards.is_some() { settings.texture_size } else { texture_size(settings, budget) } as usize;
     let params = UnwrapParams { size: size as u32, gutter: settings.gutter };
     context.report(StageId::Unwrap, Some(number as usize), 0.4);
-    let key = context.key(|| atlas_key(&shape.mesh, &params));
-    let unwrap = || Ok(unwrap(&shape.mesh, None, &params, &context.cancellation));
-    let atlas = clock.time(StageId::Unwrap, || context.stored(key, unwrap))?;
+    let atlas = clock.time(StageId::Unwrap, || {
+        let density = shape::texel_density(&shape.mesh, &shared.frame, shape.double_sided, &context.cancellation);
+        let key = context.key(|| atlas_key(&shape.mesh, &density, &params));
+        context.stored(key, || Ok(unwrap(&shape.mesh, Some(&density), &params, &context.cancellation)))
+    })?;
     context.check(&model.name)?;
     context.report(StageId::Rig, Some(number as usize), 0.42);
     let influences = clock.time(StageId::Rig, || influences(shared, &shape.mesh));

@@ -59,6 +59,26 @@ fn a_saved_texture_gives_new_levels() {
 }
 
 #[test]
+fn a_saved_texture_is_on_the_levels_before_they_are_refined() {
+    let project = with_globe();
+    project.save(
+        "config/simpliguard.ron",
+        "(defaults: (faces: [100, 200], candidates: Source, views: 16, view_size: 256, texture_size: 64, refine_steps: 1000))",
+    );
+    let mut game = project.run();
+    game.wait_for("finished", "globe.gltf");
+    game.wait_for_levels("globe.gltf", 2);
+    assert_eq!(game.count("loaded"), 2, "a first bake shows nothing before its end");
+    project.save("assets/globe.png", png([30, 30, 200]));
+    game.wait_for("started", "globe.gltf");
+    game.wait_for_levels("globe.gltf", 2);
+    assert_eq!(game.count("finished"), 1, "the bake still runs");
+    game.wait_for("finished", "globe.gltf");
+    game.wait_for_levels("globe.gltf", 2);
+    game.quit();
+}
+
+#[test]
 fn saved_settings_give_new_levels_and_a_mistake_in_them_costs_none_of_the_model() {
     let meta = |settings: &str| {
         format!(

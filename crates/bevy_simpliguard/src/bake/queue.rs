@@ -54,6 +54,11 @@ impl Job {
         let (sender, receiver) = async_channel::bounded(1);
         (Self { order, goal: Goal::Answer(sender), missing: Vec::new() }, receiver)
     }
+
+    /// The game shows the model meanwhile.
+    pub(super) fn is_in_background(&self) -> bool {
+        matches!(self.goal, Goal::Exchange(_))
+    }
 }
 
 /// A job that a worker has taken.
@@ -158,7 +163,7 @@ impl Queue {
             {
                 let cancellation = Cancellation::default();
                 let (path, key) = (job.order.path.clone(), job.order.key);
-                let exchanges = matches!(job.goal, Goal::Exchange(_));
+                let exchanges = job.is_in_background();
                 state.running.push(Running { path, key, exchanges, cancellation: cancellation.clone() });
                 return Some(Taken { job, cancellation, delivered: false });
             }
@@ -223,28 +228,51 @@ impl Queue {
             let sent = answer.try_send(glb);
             return Ok(if sent.is_ok() { Delivery::Done } else { Delivery::Superseded });
         }
-        let ours = blake3::hash(&glb);
         for _ in 0..EXCHANGE_TRIES {
-            let mut state = self.lock();
-            let wish = state.wishes.get_mut(&taken.job.order.path);
-            let Some(wish) = wish.filter(|wish| wish.key == taken.job.order.key) else {
-                return Ok(Delivery::Superseded);
-            };
-            let there = fs::read(file).map(|bytes| blake3::hash(&bytes)).ok();
-            if there == Some(wish.passed) && there != Some(ours) {
-                write_atomic_through(scratch, file, &glb, Durability::Process)?;
-                wish.passed = ours;
-            } else if there != Some(ours) {
+            match self.exchange(&taken.job.order, &glb, true, file, scratch)? {
+                Some(Delivery::Superseded) => return Ok(Delivery::Superseded),
+                Some(delivery) => {
+                    taken.delivered = true;
+                    return Ok(delivery);
+                }
                 // Bevy is still writing it.
-                drop(state);
-                thread::sleep(EXCHANGE_PAUSE);
-                continue;
+                None => thread::sleep(EXCHANGE_PAUSE),
             }
-            wish.met = true;
-            taken.delivered = true;
-            return Ok(if there == Some(ours) { Delivery::WasThere } else { Delivery::Done });
         }
         Err(io::Error::other("something else has written the processed file"))
+    }
+
+    /// Puts levels in the model's place until the result is there. Returns whether they were.
+    pub(super) fn show(&self, taken: &Taken, glb: &[u8], file: &Path, scratch: &Path) -> io::Result<bool> {
+        Ok(self.exchange(&taken.job.order, glb, false, file, scratch)? == Some(Delivery::Done))
+    }
+
+    /// Exchanges a processed file that is as the processor, or the last exchange, has left it; `None` if it is not.
+    fn exchange(
+        &self,
+        order: &Order,
+        glb: &[u8],
+        is_result: bool,
+        file: &Path,
+        scratch: &Path,
+    ) -> io::Result<Option<Delivery>> {
+        let ours = blake3::hash(glb);
+        let mut state = self.lock();
+        let Some(wish) = state.wishes.get_mut(&order.path).filter(|wish| wish.key == order.key) else {
+            return Ok(Some(Delivery::Superseded));
+        };
+        let there = fs::read(file).map(|bytes| blake3::hash(&bytes)).ok();
+        let delivery = match there {
+            Some(there) if there == ours => Delivery::WasThere,
+            Some(there) if there == wish.passed => {
+                write_atomic_through(scratch, file, glb, Durability::Process)?;
+                wish.passed = ours;
+                Delivery::Done
+            }
+            _ => return Ok(None),
+        };
+        wish.met |= is_result;
+        Ok(Some(delivery))
     }
 
     fn lock(&self) -> MutexGuard<'_, State> {
@@ -369,6 +397,30 @@ mod tests {
         queue.forget(&"a.glb".into());
         assert_eq!(deliver(b"old levels").expect("no error"), Delivery::Superseded);
         assert_eq!(fs::read(&file).expect("reads"), b"levels");
+    }
+
+    #[test]
+    fn what_is_shown_gives_way_to_the_result() {
+        let dir = tempfile::tempdir().expect("tempdir");
+        let file = dir.path().join("a.glb");
+        fs::write(&file, "source").expect("writes");
+        let queue = Queue::default();
+        queue.push(job("a.glb", "1"));
+        let mut taken = queue.take().expect("a job");
+        assert!(queue.show(&taken, b"preview", &file, dir.path()).expect("exchanges"));
+        assert_eq!(fs::read(&file).expect("reads"), b"preview");
+        assert!(!queue.lock().wishes[&AssetPath::from("a.glb")].met, "the result is still to come");
+        let delivery = queue.deliver(&mut taken, Bytes::from_static(b"levels"), &file, dir.path());
+        assert_eq!(delivery.expect("exchanges"), Delivery::Done);
+        assert_eq!(fs::read(&file).expect("reads"), b"levels");
+        // Nothing is shown of an outdated bake, nor while the processor writes.
+        queue.push(job("a.glb", "2"));
+        assert!(!queue.show(&taken, b"preview", &file, dir.path()).expect("no error"));
+        queue.release(taken);
+        let taken = queue.take().expect("a job");
+        fs::write(&file, "sou").expect("writes");
+        assert!(!queue.show(&taken, b"preview", &file, dir.path()).expect("no error"));
+        assert_eq!(fs::read(&file).expect("reads"), b"sou");
     }
 
     #[test]

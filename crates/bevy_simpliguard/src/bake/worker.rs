@@ -8,7 +8,7 @@ use bevy::asset::AssetPath;
 use bevy::prelude::*;
 use bevy::tasks::block_on;
 use rayon::{ThreadPool, ThreadPoolBuilder};
-use simpliguard::{Context, Error, Progress, ProgressSink, Report, StageStore, Status};
+use simpliguard::{Context, Error, PreviewSink, Progress, ProgressSink, Report, StageStore, Status};
 use simpliguard_cache::{BakeResult, Notice, Once, bake_key};
 use thread_priority::{ThreadPriority, ThreadPriorityValue};
 
@@ -121,10 +121,7 @@ impl Worker {
             self.baker.queue.deliver(taken, combined.into(), &journal.processed_file(&path), &scratch)
         });
         match delivered {
-            Ok(Delivery::Done) => {
-                self.baker.activity.wrote(path.path());
-                self.baker.tell(Event::Exchanged(path.clone()));
-            }
+            Ok(Delivery::Done) => self.exchanged(&path),
             Ok(Delivery::WasThere) => {}
             Ok(Delivery::Superseded) => return Err(Stop::Superseded),
             Err(error) => return Err(Stop::Failed(format!("{path}: the levels cannot be put in place: {error}"))),
@@ -135,6 +132,12 @@ impl Worker {
         }
         info!("{}", summary(&path, &report, duration));
         Ok(BakeFinished { path, report, duration })
+    }
+
+    /// A processed file has other levels.
+    fn exchanged(&self, path: &AssetPath<'static>) {
+        self.baker.activity.wrote(path.path());
+        self.baker.tell(Event::Exchanged(path.clone()));
     }
 
     /// Nobody bakes what somebody else on this machine bakes already. The duration is that of our own bake.
@@ -158,7 +161,9 @@ impl Worker {
         self.baker.tell(Event::Started(order.key, BakeStarted { path: order.path.clone() }));
         let progress = Sink { baker: &self.baker, order };
         let stages = order.cache.as_deref().map(|cache| cache as &dyn StageStore);
-        let context = Context { cancellation: taken.cancellation.clone(), progress: Some(&progress), stages };
+        let preview = Preview { worker: self, taken };
+        let preview = taken.job.is_in_background().then_some(&preview as &dyn PreviewSink);
+        let context = Context { cancellation: taken.cancellation.clone(), progress: Some(&progress), stages, preview };
         let source = files.source();
         let result = self.pool.install(|| BakeResult::compute(&source, &order.settings, &context, None))?;
         keep(order, &result);
@@ -184,6 +189,24 @@ impl ProgressSink for Sink<'_> {
     fn report(&self, Progress { stage, fraction, .. }: Progress) {
         let message = BakeProgress { path: self.order.path.clone(), stage, fraction };
         self.baker.tell(Event::Progress(self.order.key, message));
+    }
+}
+
+/// Shows levels in the game while better ones are made.
+struct Preview<'a> {
+    worker: &'a Worker,
+    taken: &'a Taken,
+}
+
+impl PreviewSink for Preview<'_> {
+    fn show(&self, glb: Vec<u8>) {
+        let (baker, path) = (&self.worker.baker, &self.taken.job.order.path);
+        let file = baker.journal.processed_file(path);
+        match baker.journal.scratch().and_then(|scratch| baker.queue.show(self.taken, &glb, &file, &scratch)) {
+            Ok(true) => self.worker.exchanged(path),
+            Ok(false) => {}
+            Err(error) => debug!("{path}: no preview: {error}"),
+        }
     }
 }
 

@@ -111,12 +111,13 @@ pub(crate) fn descent_key(content: &Key, settings: &BakeSettings, budget: u32) -
         .finish()
 }
 
-/// The atlas of a mesh.
-pub(crate) fn atlas_key(mesh: &TriMesh, params: &UnwrapParams) -> Key {
+/// The atlas of a mesh with a density of texels on each face.
+pub(crate) fn atlas_key(mesh: &TriMesh, density: &[f32], params: &UnwrapParams) -> Key {
     let UnwrapParams { size, gutter } = params;
     KeyBuilder::for_stage(StageId::Unwrap)
         .input(cast_slice(&mesh.positions))
         .input(cast_slice(&mesh.triangles))
+        .input(cast_slice(density))
         .settings(format!("gutter={gutter}\nsize={size}\n").as_bytes())
         .finish()
 }
@@ -207,7 +208,7 @@ mod tests {
         let road = Road::Reconstruction(crate::reconstruct::Params::new(128));
         let keys = [
             road_key(&KeyBuilder::new("1").finish(), &params(), road),
-            atlas_key(&mesh, &UnwrapParams { size: 512, gutter: 4 }),
+            atlas_key(&mesh, &[], &UnwrapParams { size: 512, gutter: 4 }),
         ];
         assert_eq!(
             (PIPELINE_VERSION, keys.map(|key| key.hex()[..16].to_owned())),

@@ -39,6 +39,7 @@ pub use foliage::{Cards, NO_CARD};
 pub use importance::Importance;
 pub use params::{JointPlanes, Params};
 pub use solid::Solid;
+pub use visibility::texel_density;
 
 /// Directions that a mesh in the rest pose is looked at from.
 const DIRECTIONS: usize = 72;

@@ -13,6 +13,10 @@ use crate::{Bvh, Cancellation};
 
 /// Side of the identity buffer in pixels.
 const SIZE: usize = 640;
+/// Directions that decide on the density of texels.
+const DENSITY_DIRECTIONS: usize = 36;
+/// Density of what hardly anything sees.
+const LEAST_DENSITY: f32 = 0.5;
 /// Points on a face and rays from each.
 const POINTS: [[f32; 3]; 4] = [[0.34, 0.33, 0.33], [0.7, 0.15, 0.15], [0.15, 0.7, 0.15], [0.15, 0.15, 0.7]];
 const RAYS: usize = 48;
@@ -49,6 +53,20 @@ pub(super) fn visible_pixels(
         a.iter_mut().zip(b).for_each(|(a, b)| *a += b);
         a
     })
+}
+
+/// How densely texels are to lie on each face, relative to the mean: as the square root of the part of its area that
+/// cameras around the mesh see, each face with its neighbours.
+pub fn texel_density(mesh: &TriMesh, frame: &Frame, double_sided: bool, cancellation: &Cancellation) -> Vec<f32> {
+    let pixels = visible_pixels(mesh, frame, DENSITY_DIRECTIONS, &|_| double_sided, cancellation);
+    let k = |n: &str, d: f32| -> f32 { std::env::var(n).ok().and_then(|v| v.parse().ok()).unwrap_or(d) };
+    let (low, high, power) = (k("DLOW", LEAST_DENSITY), k("DHIGH", 1.5), k("DPOW", 0.5));
+    let seen = super::face_weights(mesh, &pixels, 1.0);
+    let density = |(t, weight): (usize, f64)| {
+        let area = 0.5 * mesh.area_vector(t).length();
+        if area > 0.0 { libm::powf((weight / f64::from(area)) as f32, power).clamp(low, high) } else { 1.0 }
+    };
+    seen.into_iter().enumerate().map(density).collect()
 }
 
 /// Grows a set of faces by those that share a vertex with it, `rings` times.
