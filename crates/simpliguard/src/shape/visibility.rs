@@ -15,8 +15,9 @@ use crate::{Bvh, Cancellation};
 const SIZE: usize = 640;
 /// Directions that decide on the density of texels.
 const DENSITY_DIRECTIONS: usize = 36;
-/// Density of what hardly anything sees.
+/// Density of what hardly anything sees, and of what everything sees.
 const LEAST_DENSITY: f32 = 0.5;
+const LARGEST_DENSITY: f32 = 1.5;
 /// Points on a face and rays from each.
 const POINTS: [[f32; 3]; 4] = [[0.34, 0.33, 0.33], [0.7, 0.15, 0.15], [0.15, 0.7, 0.15], [0.15, 0.15, 0.7]];
 const RAYS: usize = 48;
@@ -59,14 +60,13 @@ pub(super) fn visible_pixels(
 /// cameras around the mesh see, each face with its neighbours.
 pub fn texel_density(mesh: &TriMesh, frame: &Frame, double_sided: bool, cancellation: &Cancellation) -> Vec<f32> {
     let pixels = visible_pixels(mesh, frame, DENSITY_DIRECTIONS, &|_| double_sided, cancellation);
-    let k = |n: &str, d: f32| -> f32 { std::env::var(n).ok().and_then(|v| v.parse().ok()).unwrap_or(d) };
-    let (low, high, power) = (k("DLOW", LEAST_DENSITY), k("DHIGH", 1.5), k("DPOW", 0.5));
-    let seen = super::face_weights(mesh, &pixels, 1.0);
+    let weights = super::face_weights(mesh, &pixels, 1.0);
     let density = |(t, weight): (usize, f64)| {
-        let area = 0.5 * mesh.area_vector(t).length();
-        if area > 0.0 { libm::powf((weight / f64::from(area)) as f32, power).clamp(low, high) } else { 1.0 }
+        let area = 0.5 * f64::from(mesh.area_vector(t).length());
+        let density = if area > 0.0 { (weight / area).sqrt() as f32 } else { 1.0 };
+        density.clamp(LEAST_DENSITY, LARGEST_DENSITY)
     };
-    seen.into_iter().enumerate().map(density).collect()
+    weights.into_iter().enumerate().map(density).collect()
 }
 
 /// Grows a set of faces by those that share a vertex with it, `rings` times.
@@ -136,6 +136,16 @@ mod tests {
         let mesh = nested();
         let pixels = visible_pixels(&mesh, &Frame::around(&mesh.positions), 72, &|_| false, &Cancellation::default());
         assert!(pixels[..4].iter().all(|&n| n == 0) && pixels[4..].iter().all(|&n| n > 0), "{pixels:?}");
+    }
+
+    #[test]
+    fn hidden_faces_get_fewer_texels() {
+        let mesh = nested();
+        let density = texel_density(&mesh, &Frame::around(&mesh.positions), false, &Cancellation::default());
+        assert_eq!(density[..4], [LEAST_DENSITY; 4]);
+        assert!(density[4..].iter().all(|&d| (0.9..1.2).contains(&d)), "{density:?}");
+        let nothing = TriMesh { positions: mesh.positions, triangles: vec![[0, 0, 0]] };
+        assert_eq!(texel_density(&nothing, &Frame::around(&[Vec3::ZERO]), true, &Cancellation::default()), [1.0]);
     }
 
     #[test]
