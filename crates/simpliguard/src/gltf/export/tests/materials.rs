@@ -1,0 +1,66 @@
+//! Materials and textures of levels.
+
+use super::*;
+
+#[test]
+fn materials_carry_every_mode() {
+    let mut level = level(1000, false);
+    level.material = LevelMaterial {
+        alpha_mode: AlphaMode::Mask { cutoff: 0.3 },
+        double_sided: true,
+        unlit: true,
+        metallic: 0.0,
+        roughness: 0.0,
+        emissive: Vec3::new(4.0, 2.0, 0.0),
+    };
+    level.mesh.tangents = vec![Vec3::X.extend(1.0); 3];
+    level.textures = all_textures(TextureFormat::Png);
+    let read = Read::new("modes", &export_level(&triangle(), &level).expect("exports"));
+    let material = &read.json["materials"][0];
+    assert_eq!((&material["alphaMode"], &material["alphaCutoff"]), (&json!("MASK"), &json!(0.3)));
+    assert_eq!(material["emissiveFactor"], json!([1.0, 0.5, 0.0]));
+    assert_eq!(material["extensions"]["KHR_materials_emissive_strength"]["emissiveStrength"], json!(4.0));
+    assert_eq!(material["pbrMetallicRoughness"]["roughnessFactor"], json!(1.0));
+    assert_eq!(
+        material["occlusionTexture"]["index"],
+        material["pbrMetallicRoughness"]["metallicRoughnessTexture"]["index"]
+    );
+    assert_eq!(read.json["extensionsUsed"], json!(["KHR_materials_emissive_strength", "KHR_materials_unlit"]));
+    assert!(read.attributes(0).get("TANGENT").is_some());
+    // IHDR of the base colour: colour type 6 is RGBA.
+    let view = &read.json["bufferViews"][read.json["images"][0]["bufferView"].as_u64().expect("view") as usize];
+    assert_eq!(read.bin[view["byteOffset"].as_u64().unwrap_or(0) as usize + 25], 6);
+}
+
+/// An image in each place that has one.
+fn all_textures(format: TextureFormat) -> LevelTextures {
+    let map = || Some(RgbImage::from_pixel(4, 4, Rgb([128, 128, 255])));
+    LevelTextures {
+        base_color: base_color(77),
+        normal: map(),
+        occlusion_roughness_metallic: map(),
+        emissive: map(),
+        format,
+    }
+}
+
+#[test]
+fn colours_without_alpha_may_be_jpeg_and_nothing_else_is() {
+    for (alpha_mode, expected) in [(AlphaMode::Opaque, "image/jpeg"), (AlphaMode::Blend, "image/png")] {
+        let mut level = level(1000, false);
+        level.material.alpha_mode = alpha_mode;
+        level.material.emissive = Vec3::ONE;
+        level.mesh.tangents = vec![Vec3::X.extend(1.0); 3];
+        level.textures = all_textures(TextureFormat::Jpeg(90));
+        let read = Read::new("jpeg", &export_level(&triangle(), &level).expect("exports"));
+        let mimes: Vec<&Value> = (0..4).map(|i| &read.json["images"][i]["mimeType"]).collect();
+        assert_eq!(mimes, [expected, "image/png", "image/png", "image/jpeg"]);
+        for image in read.json["images"].as_array().expect("images") {
+            let view = &read.json["bufferViews"][image["bufferView"].as_u64().expect("view") as usize];
+            let at = view["byteOffset"].as_u64().unwrap_or(0) as usize;
+            let bytes = &read.bin[at..at + view["byteLength"].as_u64().expect("length") as usize];
+            let format = image::guess_format(bytes).expect("an image");
+            assert_eq!(image["mimeType"], format.to_mime_type());
+        }
+    }
+}
