@@ -37,8 +37,8 @@ fn main() -> AppExit {
 fn setup(mut commands: Commands, server: Res<AssetServer>) {
     commands.spawn((Camera3d::default(), Transform::from_xyz(0.0, 1.6, 4.5).looking_at(Vec3::Y * 0.4, Vec3::Y)));
     commands.spawn((DirectionalLight::default(), Transform::from_xyz(2.0, 4.0, 3.0).looking_at(Vec3::ZERO, Vec3::Y)));
-    for (model, x) in [("teddy_bear.glb", -2.2), ("octopus.glb", -1.0), ("pool_table.glb", 1.2)] {
-        commands.spawn((WorldAssetRoot(server.load(format!("{model}#Scene0"))), Transform::from_xyz(x, 0.0, 0.0)));
+    for (model, x, z) in [("teddy_bear.glb", -1.4, 1.8), ("octopus.glb", -0.9, 1.0), ("pool_table.glb", 0.9, 0.0)] {
+        commands.spawn((WorldAssetRoot(server.load(format!("{model}#Scene0"))), Transform::from_xyz(x, 0.0, z)));
     }
 }
 

@@ -55,9 +55,9 @@ fn main() -> ExitCode {
 }
 
 fn setup(mut commands: Commands, server: Res<AssetServer>) {
-    commands.spawn((Camera3d::default(), Transform::from_xyz(0.0, 2.2, 6.0).looking_at(Vec3::Y * 0.2, Vec3::Y)));
+    commands.spawn((Camera3d::default(), Transform::from_xyz(0.0, 1.8, 5.0).looking_at(Vec3::Y * 0.2, Vec3::Y)));
     commands.spawn((DirectionalLight::default(), Transform::from_xyz(2.0, 4.0, 3.0).looking_at(Vec3::ZERO, Vec3::Y)));
-    for (model, x) in MODELS.into_iter().zip([-2.4, -0.8, 1.0, 2.6]) {
-        commands.spawn((WorldAssetRoot(server.load(format!("{model}#Scene0"))), Transform::from_xyz(x, 0.0, 0.0)));
+    for (model, [x, z]) in MODELS.into_iter().zip([[-1.8, 0.0], [-0.1, 1.5], [1.6, 0.0], [0.9, 1.8]]) {
+        commands.spawn((WorldAssetRoot(server.load(format!("{model}#Scene0"))), Transform::from_xyz(x, 0.0, z)));
     }
 }

@@ -68,7 +68,6 @@ fn a_saved_texture_is_on_the_levels_before_they_are_refined() {
     let mut game = project.run();
     game.wait_for("finished", "globe.gltf");
     game.wait_for_levels("globe.gltf", 2);
-    assert_eq!(game.count("loaded"), 2, "a first bake shows nothing before its end");
     project.save("assets/globe.png", png([30, 30, 200]));
     game.wait_for("started", "globe.gltf");
     game.wait_for_levels("globe.gltf", 2);

@@ -109,7 +109,8 @@ fn an_outdated_bake_stops() {
         "(defaults: (faces: [4000], quality: Best, views: 64, view_size: 512, texture_size: 64, normal_map: false))",
     );
     project.save("assets/ball.glb", globe_glb(200));
-    let mut game = project.run();
+    // On a busy machine a bake that stands back would not even get to see that it is outdated.
+    let mut game = project.run_with("priority: Some(Normal)");
     game.wait_for("started", "ball.glb");
     game.listen(Duration::from_secs(3));
     let saved = Instant::now();
@@ -117,7 +118,7 @@ fn an_outdated_bake_stops() {
     game.wait_for("started", "ball.glb");
     let seconds = saved.elapsed().as_secs_f64();
     // A third of a second until the change is seen, a second for the bake; the rest is for busy machines.
-    assert!(seconds < 15.0, "{seconds} s");
+    assert!(seconds < 5.0, "{seconds} s");
     assert_eq!((game.count("finished"), game.count("failed")), (0, 0));
     game.kill();
 }

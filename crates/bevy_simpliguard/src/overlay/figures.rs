@@ -45,13 +45,17 @@ pub(super) fn figures(
     let (mut figures, mut text) = line.into_inner();
     figures.add(time.delta());
     let frame = figures.shown.map(|time| format!("{:.1} ms", 1e3 * time.as_secs_f64())).unwrap_or_default();
+    text.set_if_neq(Text(format!("{}   {frame}", triangles(&stats))));
+}
+
+/// Models without levels are counted nowhere.
+fn triangles(stats: &LodStats) -> String {
     let (drawn, source) = (stats.triangles, stats.source_triangles);
-    let percent = 100.0 * drawn as f64 / source.max(1) as f64;
-    text.set_if_neq(Text(format!(
-        "{} of {} triangles ({percent:.1} %)   {frame}",
-        thousands(drawn),
-        thousands(source)
-    )));
+    if source == 0 {
+        return "no model with levels in view".into();
+    }
+    let percent = 100.0 * drawn as f64 / source as f64;
+    format!("{} of {} triangles ({percent:.1} %)", thousands(drawn), thousands(source))
 }
 
 /// Shows the levels that some instance has, and how many instances in view show each.
@@ -63,7 +67,7 @@ pub(super) fn legend(
 ) {
     let highest = groups.iter().flat_map(|group| &group.levels).map(|level| level.level).max().unwrap_or(0);
     for (entry, mut node, children) in &mut entries {
-        let display = if entry.0 <= highest { Display::Flex } else { Display::None };
+        let display = if highest > 0 && entry.0 <= highest { Display::Flex } else { Display::None };
         if node.display != display {
             node.display = display;
         }

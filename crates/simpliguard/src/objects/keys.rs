@@ -212,7 +212,7 @@ mod tests {
         ];
         assert_eq!(
             (PIPELINE_VERSION, keys.map(|key| key.hex()[..16].to_owned())),
-            ("4", ["a153c30be9b8d93d", "b281f9987ffdcf4e"].map(str::to_owned))
+            ("5", ["a97a2bd5df6ffb4b", "780ca98cc018b79c"].map(str::to_owned))
         );
     }
 }

@@ -255,6 +255,10 @@ mod tests {
             message("(cache: (\n max_size: \"5\"))"),
             "settings: p.ron:2:13: max_size: expected at least 1.0 MiB, with a unit, such as 500 MB or 1.5 GiB"
         );
+        assert_eq!(
+            message("(plugin: (\n priority: Lowset))"),
+            "settings: p.ron:2:12: unknown value 'Lowset'; did you mean 'Lowest'?"
+        );
         assert!(message("(rules: [\n(glob: \"[\", settings: ())])").starts_with("settings: p.ron:2:"));
     }
 }

@@ -13,7 +13,7 @@ const TANGLED: f64 = 1.26;
 /// As [`TANGLED`]; a finer reconstruction is tried where it may come that close.
 const WITHIN_REACH: f64 = 1.6;
 /// How much larger the score of a shape gets that is twice as far from the source as the closest one, as a part of it.
-const DISTANCE_WEIGHT: f64 = 0.25;
+const DISTANCE_WEIGHT: f64 = 0.2;
 /// As [`DISTANCE_WEIGHT`], for a shape all of whose faces pass through others.
 const CROSSING_WEIGHT: f64 = 0.3;
 /// Handles that a shape may have and still count as one piece.
