@@ -19,6 +19,8 @@ use crate::{Bvh, Context, Error, Key, StageId};
 
 /// Largest texture during descent: a view resolves no more, and the last solution is at full size.
 const FITTED_SIZE: usize = 512;
+/// Most faces of a level that takes its first steps at half size: the edges of others are but a few pixels long there.
+const COARSE_FACES: u32 = 2000;
 /// Encoded grey of a texture that has not been made.
 const GREY: Vec4 = Vec4::new(0.5, 0.5, 0.5, 1.0);
 
@@ -187,7 +189,7 @@ fn fit(
     context.report(StageId::Refine, Some(number as usize), 0.5);
     let params = refine::Params {
         steps: settings.refine_steps,
-        coarse: settings.coarse_steps,
+        coarse: if budget <= COARSE_FACES { settings.coarse_steps } else { 0.0 },
         step_length: settings.step_length,
         texture,
         gradient_weight: settings.gradient_weight,

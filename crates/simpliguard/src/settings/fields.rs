@@ -356,9 +356,10 @@ settings! {
     /// Whether differentiable rendering fits texture and vertices to the views; if not, both stay as they were made.
     refine: bool = always(true), Limit::None, [Refine];
     /// Number of optimisation steps by differentiable rendering; 0 leaves the vertices where they are.
-    refine_steps: u32 = by_quality(0, 150, 360), Limit::Between(0.0, 2000.0), [Refine];
-    /// Part of the steps, the first ones, that compare pictures of half the size: they cost a quarter.
-    coarse_steps: f32 = always(0.67), Limit::Between(0.0, 1.0), [Refine];
+    refine_steps: u32 = by_quality(0, 140, 350), Limit::Between(0.0, 2000.0), [Refine];
+    /// Part of the steps, the first ones, that compare pictures of half the size, in levels of at most 2,000 faces: they cost a
+    /// quarter.
+    coarse_steps: f32 = always(0.65), Limit::Between(0.0, 1.0), [Refine];
     /// Whether joint weights are fitted to the poses: over the faces between vertices first, and then together with the
     /// vertices.
     refine_weights: bool = always(true), Limit::None, [Rig, Refine];
