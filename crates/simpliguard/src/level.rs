@@ -21,6 +21,8 @@ use crate::{Bvh, Context, Error, Key, StageId};
 const FITTED_SIZE: usize = 512;
 /// Most faces of a level that takes its first steps at half size: the edges of others are but a few pixels long there.
 const COARSE_FACES: u32 = 2000;
+/// Difference of colours at which a pixel counts half in the last solution.
+const TRUST: f32 = 0.3;
 /// Encoded grey of a texture that has not been made.
 const GREY: Vec4 = Vec4::new(0.5, 0.5, 0.5, 1.0);
 
@@ -182,7 +184,7 @@ fn fit(
         }
         let (texels, covered) = small.initial_texture(&samples, false);
         let low = LowPoly::new(&shape.mesh, atlas, shape.double_sided, small.size, texels, covered);
-        Some((low.with_motions(motions(shared, &influences)), small.texture_fit(&samples, false)))
+        Some((low.with_motions(motions(shared, &influences)), small.texture_fit(&samples, false, None)))
     });
     context.check(&model.name)?;
     let Some((mut low, texture)) = textured else { return Ok(Fitted::unmoved(shared, atlas, shape, influences)) };
@@ -261,7 +263,7 @@ impl<'a> Canvas<'a> {
 
     /// How the texture is to be fitted: not at all if what was baked has one colour. What lies behind a cut-out shows through
     /// it: its pixels say little about its own texture.
-    fn texture_fit(&self, samples: &[Option<SurfaceSample>], alpha: bool) -> Option<TextureFit> {
+    fn texture_fit(&self, samples: &[Option<SurfaceSample>], alpha: bool, trust: Option<f32>) -> Option<TextureFit> {
         let settings = self.shared.settings;
         let baked = settings.initial_texture == InitialTexture::Baked;
         let wanted = settings.refine && !alpha && !(baked && is_uniform(samples));
@@ -270,7 +272,7 @@ impl<'a> Canvas<'a> {
             TextureSolver::LeastSquares => Solver::LeastSquares,
             TextureSolver::Adam => Solver::Adam(descent()),
         };
-        wanted.then_some(TextureFit { smoothness: settings.texture_smoothness, solver })
+        wanted.then_some(TextureFit { smoothness: settings.texture_smoothness, trust, solver })
     }
 
     /// Encoded colours with their gutters, and which texels a triangle covers.
@@ -293,7 +295,7 @@ impl<'a> Canvas<'a> {
     fn finish(&self, low: LowPoly, samples: &[Option<SurfaceSample>], alpha: bool) -> (LowPoly, Refined) {
         let (texels, covered) = self.initial_texture(samples, alpha);
         let mut low = low.retextured(self.atlas, self.size, texels, covered);
-        let fit = self.texture_fit(samples, alpha);
+        let fit = self.texture_fit(samples, alpha, Some(TRUST));
         let Shared { views, context, .. } = self.shared;
         let refined = refine::fit_texture(&mut low, views, fit.as_ref(), &context.cancellation);
         (low, refined)

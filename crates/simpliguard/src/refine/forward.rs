@@ -71,6 +71,14 @@ impl Lookup {
         let (x, y) = (self.fx, self.fy);
         [(1.0 - x) * (1.0 - y), x * (1.0 - y), (1.0 - x) * y, x * y]
     }
+
+    /// What a texture of `size` x `size` texels shows there.
+    #[inline]
+    pub(super) fn sample(&self, texels: &[Vec4], size: usize) -> Vec4 {
+        let [a, b, c, d] = self.weights();
+        let k = self.texel;
+        texels[k] * a + texels[k + 1] * b + texels[k + size] * c + texels[k + size + 1] * d
+    }
 }
 
 impl Frame {
@@ -132,10 +140,7 @@ impl Frame {
                     Vec4::ZERO
                 } else {
                     let lookup = Lookup::new(self.uv_at(low, id as usize, x, ndc_y).0, low.size);
-                    let [a, b, c, d] = lookup.weights();
-                    let k = lookup.texel;
-                    let texels = &low.texels;
-                    texels[k] * a + texels[k + 1] * b + texels[k + low.size] * c + texels[k + low.size + 1] * d
+                    lookup.sample(&low.texels, low.size)
                 };
             }
         }

@@ -35,6 +35,9 @@ pub use texture_descent::{TextureDescent, descend_texture};
 pub struct TextureFit {
     /// Weight of the squared differences of neighbouring texels, in pixels.
     pub smoothness: f32,
+    /// Difference of colours, 0 to 1, at which a pixel counts half, since it is likely to show another part of the source;
+    /// `None` counts all alike. For least squares.
+    pub trust: Option<f32>,
     /// By what.
     pub solver: Solver,
 }

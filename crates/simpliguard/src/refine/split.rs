@@ -41,11 +41,11 @@ impl<'a> Split<'a> {
 
     /// Fits the texture, if it is to be.
     pub(super) fn fit(&self, low: &mut LowPoly, fit: Option<&TextureFit>) {
-        let Some(&TextureFit { smoothness, solver }) = fit else { return };
+        let Some(&TextureFit { smoothness, trust, solver }) = fit else { return };
         let (views, rects) = (&self.fitted, &self.fitted_rects);
         match solver {
             Solver::LeastSquares => {
-                solve_texture(low, views, rects, smoothness, SOLVE_ITERATIONS, self.cancellation);
+                solve_texture(low, views, rects, smoothness, trust, SOLVE_ITERATIONS, self.cancellation);
             }
             Solver::Adam(descent) => {
                 descend_texture(low, views, rects, smoothness, &descent, self.cancellation);

@@ -1,8 +1,9 @@
 //! The texture that fits all views best, for fixed vertices.
 //!
 //! Least squares over every pixel that lies wholly on the source and on the level, plus `smoothness` times the squared
-//! difference of neighbouring texels (the expectation of the paper's `L_tex` under small perturbations) and a small pull
-//! towards the initial texture, which decides what no view sees. Rim pixels stay out: they hold background.
+//! difference of how much neighbouring texels change (the expectation of the paper's `L_tex` under small perturbations, taken
+//! of the change: a baked texture holds detail that no view resolves) and a small pull towards the initial texture, which
+//! decides what no view sees. Rim pixels stay out: they hold background.
 //!
 //! Solved by conjugate gradients with the diagonal as preconditioner; the channels share the matrix.
 
@@ -17,6 +18,8 @@ use crate::render::{NOTHING, Rect, View};
 
 /// Pull towards the initial texture, in pixels.
 const PRIOR: f32 = 0.01;
+/// Smoothness of the first of two solutions.
+const FIRST_SMOOTHNESS: f32 = 2.0;
 /// Partial sums over the views: fixed, so that the result does not depend on the threads.
 const PARTS: usize = 4;
 
@@ -30,26 +33,61 @@ struct Row {
 
 /// Replaces the texture of `low` by the one that fits `views` best, starting from the present one. `rects` are the
 /// pixels that the source covers in each view.
+///
+/// With a `trust`, a pixel counts by how well it agrees with a first, smoother solution (one step of iteratively reweighted
+/// least squares, with Cauchy weights of this scale): a view that shows another part of the source than the level does,
+/// along its inner outlines, leaves no specks.
 pub fn solve_texture(
     low: &mut LowPoly,
     views: &[&View],
     rects: &[Rect],
     smoothness: f32,
+    trust: Option<f32>,
     iterations: usize,
     cancellation: &Cancellation,
 ) {
-    let mut rows = assemble(low, views, rects, cancellation);
+    let solve = |mut rows: Vec<Row>, smoothness: f32| {
+        regularise(low, &mut rows, smoothness);
+        let mut texels = low.texels.clone();
+        conjugate_gradients(&rows, &mut texels, low.size, iterations, cancellation);
+        texels
+    };
+    let mut rows = assemble(low, views, rects, None, cancellation);
     let seen: Vec<bool> = rows.iter().map(|r| r.a[0] > 0.0).collect();
-    regularise(low, &mut rows, smoothness);
-    conjugate_gradients(&rows, &mut low.texels, low.size, iterations, cancellation);
-    for texel in &mut low.texels {
+    if let Some(scale) = trust {
+        let expected = solve(rows, smoothness.max(FIRST_SMOOTHNESS));
+        rows = assemble(low, views, rects, Some(&Trust { expected, scale }), cancellation);
+    }
+    let mut texels = solve(rows, smoothness);
+    for texel in &mut texels {
         *texel = texel.clamp(Vec4::ZERO, Vec4::ONE).with_w(1.0);
     }
     let known: Vec<bool> = low.covered.iter().zip(seen).map(|(covered, seen)| *covered || seen).collect();
-    crate::texture::fill(&mut low.texels, &known, low.size);
+    crate::texture::fill(&mut texels, &known, low.size);
+    low.texels = texels;
 }
 
-fn assemble(low: &LowPoly, views: &[&View], rects: &[Rect], cancellation: &Cancellation) -> Vec<Row> {
+/// What pixels are expected to show, and how far off they may be.
+struct Trust {
+    expected: Vec<Vec4>,
+    scale: f32,
+}
+
+impl Trust {
+    /// Weight of a pixel of this colour, 0 to 1.
+    fn weight(&self, lookup: &Lookup, size: usize, color: Vec3) -> f32 {
+        let error = (lookup.sample(&self.expected, size).xyz() - color).length_squared();
+        1.0 / (1.0 + error / (self.scale * self.scale))
+    }
+}
+
+fn assemble(
+    low: &LowPoly,
+    views: &[&View],
+    rects: &[Rect],
+    trust: Option<&Trust>,
+    cancellation: &Cancellation,
+) -> Vec<Row> {
     let chunk = views.len().div_ceil(PARTS).max(1);
     let parts: Vec<Vec<Row>> = views
         .par_chunks(chunk)
@@ -60,7 +98,7 @@ fn assemble(low: &LowPoly, views: &[&View], rects: &[Rect], cancellation: &Cance
             let mut frame = Frame::new(size);
             let mut rim = vec![false; size * size];
             for (view, rect) in views.iter().zip(rects).take_while(|_| !cancellation.is_cancelled()) {
-                add_view(low, view, *rect, &mut frame, &mut rim, &mut rows);
+                add_view(low, view, *rect, trust, &mut frame, &mut rim, &mut rows);
             }
             rows
         })
@@ -76,7 +114,15 @@ fn assemble(low: &LowPoly, views: &[&View], rects: &[Rect], cancellation: &Cance
     rows
 }
 
-fn add_view(low: &LowPoly, view: &View, rect: Rect, frame: &mut Frame, rim: &mut [bool], rows: &mut [Row]) {
+fn add_view(
+    low: &LowPoly,
+    view: &View,
+    rect: Rect,
+    trust: Option<&Trust>,
+    frame: &mut Frame,
+    rim: &mut [bool],
+    rows: &mut [Row],
+) {
     frame.rasterise(low, &view.camera, view.pose, rect);
     frame.find_blends(low);
     for blend in &frame.blends {
@@ -92,7 +138,9 @@ fn add_view(low: &LowPoly, view: &View, rect: Rect, frame: &mut Frame, rim: &mut
                 continue;
             }
             let lookup = Lookup::new(frame.uv_at(low, id as usize, x, ndc_y).0, low.size);
-            add_pixel(rows, low.size, lookup, view.picture.at(i).xyz());
+            let color = view.picture.at(i).xyz();
+            let weight = trust.map_or(1.0, |trust| trust.weight(&lookup, low.size, color));
+            add_pixel(rows, low.size, lookup, color, weight);
         }
     }
     for blend in &frame.blends {
@@ -102,9 +150,10 @@ fn add_view(low: &LowPoly, view: &View, rect: Rect, frame: &mut Frame, rim: &mut
 }
 
 #[inline]
-fn add_pixel(rows: &mut [Row], size: usize, lookup: Lookup, color: Vec3) {
+fn add_pixel(rows: &mut [Row], size: usize, lookup: Lookup, color: Vec3, weight: f32) {
     let k = lookup.texel;
-    let [a, b, c, d] = lookup.weights();
+    let root = weight.sqrt();
+    let ([a, b, c, d], color) = (lookup.weights().map(|w| w * root), color * root);
     let (top, bottom) = rows.split_at_mut(k + size);
     let ([r0, r1], [r2, r3]) = (&mut top[k..k + 2], &mut bottom[..2]) else { return };
     let terms = [a * a, a * b, a * c, a * d];
@@ -137,6 +186,11 @@ fn regularise(low: &LowPoly, rows: &mut [Row], smoothness: f32) {
                 rows[i].a[0] += smoothness;
                 rows[j].a[0] += smoothness;
                 rows[i].a[coupling] -= smoothness;
+                let step = (low.texels[i] - low.texels[j]) * smoothness;
+                for (channel, step) in step.xyz().to_array().into_iter().enumerate() {
+                    rows[i].b[channel] += step;
+                    rows[j].b[channel] -= step;
+                }
             }
         }
     }
@@ -230,7 +284,7 @@ mod tests {
             let k = lookup.texel;
             let [a, b, c, d] = lookup.weights();
             let color = truth[k] * a + truth[k + 1] * b + truth[k + 8] * c + truth[k + 9] * d;
-            add_pixel(&mut rows, size, lookup, color.xyz());
+            add_pixel(&mut rows, size, lookup, color.xyz(), 1.0);
         }
         let mut x = vec![Vec4::ZERO; 64];
         conjugate_gradients(&rows, &mut x, size, 200, &Cancellation::default());
@@ -240,12 +294,46 @@ mod tests {
     }
 
     #[test]
+    fn what_the_views_do_not_tell_apart_keeps_its_detail() {
+        let texels: Vec<Vec4> = (0..64).map(|i| Vec4::splat((i % 3) as f32 * 0.2)).collect();
+        let low = LowPoly {
+            texels: texels.clone(),
+            covered: vec![true; 64],
+            ..LowPoly::new(&Default::default(), &Default::default(), false, 8, Vec::new(), Vec::new())
+        };
+        // One sample in the middle is lighter by a tenth than the texture there.
+        let mut rows = vec![Row::default(); 64];
+        let (lookup, here) = (Lookup::new(Vec2::splat(4.5), 8), texels[36]);
+        (0..1000).for_each(|_| add_pixel(&mut rows, 8, lookup, here.xyz() + 0.1, 1.0));
+        regularise(&low, &mut rows, 1.0);
+        let mut x = texels.clone();
+        conjugate_gradients(&rows, &mut x, 8, 200, &Cancellation::default());
+        assert!((x[36].x - here.x - 0.1).abs() < 1e-2, "{}", x[36]);
+        // The next one follows it, in its own colour.
+        let change = x[37].x - texels[37].x;
+        assert!((0.03..0.1).contains(&change), "{change}");
+    }
+
+    #[test]
+    fn a_pixel_counts_by_how_well_it_agrees() {
+        let trust = Trust { expected: vec![Vec4::splat(0.5); 4], scale: 0.3 };
+        let lookup = Lookup::new(Vec2::splat(0.5), 2);
+        let weight = |error: f32| trust.weight(&lookup, 2, Vec3::new(0.5 + error, 0.5, 0.5));
+        assert!(weight(0.0) > 0.999 && (weight(0.3) - 0.5).abs() < 1e-5 && weight(-0.5) < 0.3);
+        let mut rows = vec![Row::default(); 4];
+        for (color, weight) in [(1.0, 0.25), (0.2, 0.75)] {
+            add_pixel(&mut rows, 2, lookup, Vec3::splat(color), weight);
+        }
+        assert!((rows[0].b[0] / rows[0].a[0] - 0.4).abs() < 1e-6);
+    }
+
+    #[test]
     fn the_matrix_is_symmetric() {
         let size = 4;
         let mut rows = vec![Row::default(); 16];
         for i in 0..40 {
             let uv = Vec2::new((i * 13 % 40) as f32 / 10.0, (i * 7 % 40) as f32 / 10.0);
-            add_pixel(&mut rows, size, Lookup::new(uv, size), Vec3::ONE);
+            add_pixel(&mut rows, size, Lookup::new(uv, size), Vec3::ONE, 1.0);
         }
         let column = |j: usize| {
             let mut x = vec![Vec4::ZERO; 16];

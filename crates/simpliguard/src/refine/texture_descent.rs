@@ -41,7 +41,7 @@ pub fn descend_texture(
     let mut lanes = Lane::batch(size);
     let mut order = Order::new(views.len(), SEED);
     let mut adam = Adam::new(4 * low.texels.len());
-    let mut seen = low.covered.clone();
+    let (initial, mut seen) = (low.texels.clone(), low.covered.clone());
     let mut rate = RATE;
     let decay = libm::powf(DECAY, 1.0 / descent.steps.max(1) as f32);
     // Of a texel difference against the errors of one view's pixels, as in the least squares over all of them.
@@ -61,7 +61,7 @@ pub fn descend_texture(
             gradient.iter_mut().zip(&lane.gradients.texels).for_each(|(a, b)| *a += *b / BATCH as f32);
         }
         seen.iter_mut().zip(&gradient).for_each(|(seen, g)| *seen |= *g != Vec4::ZERO);
-        add_smoothness(low, smoothness, &mut gradient);
+        add_smoothness(low, &initial, smoothness, &mut gradient);
         adam.step(bytemuck::cast_slice_mut(&mut low.texels), bytemuck::cast_slice(&gradient), rate);
         rate *= decay;
     }
@@ -69,15 +69,16 @@ pub fn descend_texture(
     crate::texture::fill(&mut low.texels, &seen, low.size);
 }
 
-/// The expectation of `L_tex` under small perturbations: adds the gradient of `weight / 2` times the squared differences of
-/// neighbouring texels; returns that loss.
-fn add_smoothness(low: &LowPoly, weight: f32, gradient: &mut [Vec4]) -> f64 {
+/// The expectation of `L_tex` under small perturbations, taken of the change since `initial`: adds the gradient of
+/// `weight / 2` times the squared differences of how much neighbouring texels change; returns that loss.
+fn add_smoothness(low: &LowPoly, initial: &[Vec4], weight: f32, gradient: &mut [Vec4]) -> f64 {
     let size = low.size;
     let mut loss = 0.0;
     for i in (0..gradient.len()).filter(|&i| low.covered[i]) {
         for (j, inside) in [(i + 1, i % size + 1 < size), (i + size, i + size < gradient.len())] {
             if inside && low.covered[j] {
-                let difference = low.texels[i] - low.texels[j];
+                let change = |i: usize| low.texels[i] - initial[i];
+                let difference = change(i) - change(j);
                 gradient[i] += difference * weight;
                 gradient[j] -= difference * weight;
                 loss += f64::from(0.5 * weight * difference.length_squared());
@@ -98,13 +99,14 @@ mod tests {
         let texels: Vec<Vec4> = (0..9u8).map(|i| Vec4::new(f32::from(i * i) / 81.0, 0.3, 0.0, 1.0)).collect();
         let covered = vec![true, true, false, true, true, true, true, true, true];
         let mut low = LowPoly::new(&TriMesh::default(), &Atlas::default(), false, 3, texels, covered);
+        let initial: Vec<Vec4> = (0..9u8).map(|i| Vec4::splat(f32::from(i % 4) / 8.0)).collect();
         let mut gradient = vec![Vec4::ZERO; 9];
-        add_smoothness(&low, 0.8, &mut gradient);
+        add_smoothness(&low, &initial, 0.8, &mut gradient);
         assert_eq!(gradient[2], Vec4::ZERO);
         for (i, gradient) in gradient.iter().enumerate() {
             let mut at = |h: f32| {
                 low.texels[i].x += h;
-                let loss = add_smoothness(&low, 0.8, &mut [Vec4::ZERO; 9]);
+                let loss = add_smoothness(&low, &initial, 0.8, &mut [Vec4::ZERO; 9]);
                 low.texels[i].x -= h;
                 loss
             };

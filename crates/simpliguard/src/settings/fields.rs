@@ -369,7 +369,7 @@ settings! {
     texture_solver: TextureSolver = always(TextureSolver::LeastSquares), Limit::None, [Refine];
     /// Number of steps each time `texture_solver: Adam` fits a texture.
     texture_steps: u32 = always(200), Limit::Between(0.0, 5000.0), [Refine];
-    /// How strongly neighbouring texels are pulled together where the views say little.
+    /// How strongly neighbouring texels are kept from changing apart where the views say little.
     texture_smoothness: f32 = always(0.1), Limit::Between(0.0, 10.0), [Texture, Refine];
     /// Weight of the error of the image gradient, the image's own being 1 (`L_img` in the paper), where vertices are moved
     /// and where textures are fitted by `Adam`.
