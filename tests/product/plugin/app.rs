@@ -44,15 +44,17 @@ pub(super) struct Options {
     plain: bool,
     blocking: bool,
     threads: Option<usize>,
-    priority: Option<Priority>,
+    priority: Priority,
     scene: Option<Scene>,
     work: Option<Work>,
 }
 
-#[derive(Deserialize, Clone, Copy)]
+/// Tests run beside others: what stands back behind those may wait for long.
+#[derive(Deserialize, Clone, Copy, Default)]
 pub(super) enum Priority {
     Lowest,
     Low,
+    #[default]
     Normal,
 }
 
@@ -98,7 +100,7 @@ fn game() {
         app.add_plugins(SimpliguardPlugin {
             mode: options.blocking.then_some(BakeMode::Blocking),
             threads: options.threads,
-            priority: options.priority.map(|priority| match priority {
+            priority: Some(match options.priority {
                 Priority::Lowest => BakePriority::Lowest,
                 Priority::Low => BakePriority::Low,
                 Priority::Normal => BakePriority::Normal,

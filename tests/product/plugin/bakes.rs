@@ -63,7 +63,7 @@ fn a_saved_texture_is_on_the_levels_before_they_are_refined() {
     let project = with_globe();
     project.save(
         "config/simpliguard.ron",
-        "(defaults: (faces: [100, 200], candidates: Source, views: 16, view_size: 256, texture_size: 64, refine_steps: 1000))",
+        "(defaults: (faces: [100, 200], candidates: Source, views: 8, view_size: 128, texture_size: 64, refine_steps: 600))",
     );
     let mut game = project.run();
     game.wait_for("finished", "globe.gltf");

@@ -123,12 +123,12 @@ fn figures_frame_times_beside_a_bake() {
     for frame in [16.7, 0.0] {
         for options in [
             "plain: true",
-            "threads: Some(1), priority: Some(Lowest)",
-            "threads: Some(1), priority: Some(Low)",
-            "threads: Some(1), priority: Some(Normal)",
-            "threads: Some(2), priority: Some(Lowest)",
-            "threads: Some(2), priority: Some(Low)",
-            "threads: Some(2), priority: Some(Normal)",
+            "threads: Some(1), priority: Lowest",
+            "threads: Some(1), priority: Low",
+            "threads: Some(1), priority: Normal",
+            "threads: Some(2), priority: Lowest",
+            "threads: Some(2), priority: Low",
+            "threads: Some(2), priority: Normal",
         ] {
             frame_times(frame, options);
         }

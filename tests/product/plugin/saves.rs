@@ -110,7 +110,7 @@ fn an_outdated_bake_stops() {
     );
     project.save("assets/ball.glb", globe_glb(200));
     // On a busy machine a bake that stands back would not even get to see that it is outdated.
-    let mut game = project.run_with("priority: Some(Normal)");
+    let mut game = project.run();
     game.wait_for("started", "ball.glb");
     game.listen(Duration::from_secs(3));
     let saved = Instant::now();
