@@ -7,7 +7,7 @@
 //!
 //! Solved by conjugate gradients with the diagonal as preconditioner; the channels share the matrix.
 
-use glam::{Vec3, Vec4, Vec4Swizzles};
+use glam::{Vec2, Vec3, Vec4, Vec4Swizzles};
 use rayon::prelude::*;
 
 use super::LowPoly;
@@ -34,7 +34,7 @@ struct Row {
 /// Replaces the texture of `low` by the one that fits `views` best, starting from the present one. `rects` are the
 /// pixels that the source covers in each view.
 ///
-/// With a `trust`, a pixel counts by how well it agrees with a first, smoother solution (one step of iteratively reweighted
+/// With a `trust`, a pixel counts by how well it agrees with a first, smoother solution of half the size (one step of iteratively reweighted
 /// least squares, with Cauchy weights of this scale): a view that shows another part of the source than the level does,
 /// along its inner outlines, leaves no specks.
 pub fn solve_texture(
@@ -46,38 +46,47 @@ pub fn solve_texture(
     iterations: usize,
     cancellation: &Cancellation,
 ) {
-    let solve = |mut rows: Vec<Row>, smoothness: f32| {
-        regularise(low, &mut rows, smoothness);
-        let mut texels = low.texels.clone();
-        conjugate_gradients(&rows, &mut texels, low.size, iterations, cancellation);
-        texels
-    };
-    let mut rows = assemble(low, views, rects, None, cancellation);
+    let trust = trust.map(|scale| {
+        let mut half = low.halved();
+        solve(&mut half, views, rects, smoothness.max(FIRST_SMOOTHNESS), None, iterations, cancellation);
+        Trust { expected: half.texels, size: half.size, scale }
+    });
+    solve(low, views, rects, smoothness, trust.as_ref(), iterations, cancellation);
+}
+
+fn solve(
+    low: &mut LowPoly,
+    views: &[&View],
+    rects: &[Rect],
+    smoothness: f32,
+    trust: Option<&Trust>,
+    iterations: usize,
+    cancellation: &Cancellation,
+) {
+    let mut rows = assemble(low, views, rects, trust, cancellation);
     let seen: Vec<bool> = rows.iter().map(|r| r.a[0] > 0.0).collect();
-    if let Some(scale) = trust {
-        let expected = solve(rows, smoothness.max(FIRST_SMOOTHNESS));
-        rows = assemble(low, views, rects, Some(&Trust { expected, scale }), cancellation);
-    }
-    let mut texels = solve(rows, smoothness);
-    for texel in &mut texels {
+    regularise(low, &mut rows, smoothness);
+    conjugate_gradients(&rows, &mut low.texels, low.size, iterations, cancellation);
+    for texel in &mut low.texels {
         *texel = texel.clamp(Vec4::ZERO, Vec4::ONE).with_w(1.0);
     }
     let known: Vec<bool> = low.covered.iter().zip(seen).map(|(covered, seen)| *covered || seen).collect();
-    crate::texture::fill(&mut texels, &known, low.size);
-    low.texels = texels;
+    crate::texture::fill(&mut low.texels, &known, low.size);
 }
 
 /// What pixels are expected to show, and how far off they may be.
 struct Trust {
+    /// A texture of half the side.
     expected: Vec<Vec4>,
+    size: usize,
     scale: f32,
 }
 
 impl Trust {
-    /// Weight of a pixel of this colour, 0 to 1.
-    fn weight(&self, lookup: &Lookup, size: usize, color: Vec3) -> f32 {
-        let error = (lookup.sample(&self.expected, size).xyz() - color).length_squared();
-        1.0 / (1.0 + error / (self.scale * self.scale))
+    /// Weight of a pixel of this colour at these texture coordinates, 0 to 1.
+    fn weight(&self, uv: Vec2, color: Vec3) -> f32 {
+        let shown = Lookup::new(uv * 0.5, self.size).sample(&self.expected, self.size).xyz();
+        1.0 / (1.0 + (shown - color).length_squared() / (self.scale * self.scale))
     }
 }
 
@@ -137,10 +146,10 @@ fn add_view(
             if id == NOTHING || rim[i] || view.picture.pixels[i][3] != 255 {
                 continue;
             }
-            let lookup = Lookup::new(frame.uv_at(low, id as usize, x, ndc_y).0, low.size);
+            let uv = frame.uv_at(low, id as usize, x, ndc_y).0;
             let color = view.picture.at(i).xyz();
-            let weight = trust.map_or(1.0, |trust| trust.weight(&lookup, low.size, color));
-            add_pixel(rows, low.size, lookup, color, weight);
+            let weight = trust.map_or(1.0, |trust| trust.weight(uv, color));
+            add_pixel(rows, low.size, Lookup::new(uv, low.size), color, weight);
         }
     }
     for blend in &frame.blends {
@@ -270,7 +279,6 @@ fn conjugate_gradients(rows: &[Row], x: &mut [Vec4], size: usize, iterations: us
 #[cfg(test)]
 mod tests {
     use super::*;
-    use glam::Vec2;
 
     #[test]
     fn the_solution_reproduces_a_texture_from_samples_of_it() {
@@ -316,10 +324,10 @@ mod tests {
 
     #[test]
     fn a_pixel_counts_by_how_well_it_agrees() {
-        let trust = Trust { expected: vec![Vec4::splat(0.5); 4], scale: 0.3 };
-        let lookup = Lookup::new(Vec2::splat(0.5), 2);
-        let weight = |error: f32| trust.weight(&lookup, 2, Vec3::new(0.5 + error, 0.5, 0.5));
+        let trust = Trust { expected: vec![Vec4::splat(0.5); 4], size: 2, scale: 0.3 };
+        let weight = |error: f32| trust.weight(Vec2::splat(1.0), Vec3::new(0.5 + error, 0.5, 0.5));
         assert!(weight(0.0) > 0.999 && (weight(0.3) - 0.5).abs() < 1e-5 && weight(-0.5) < 0.3);
+        let lookup = Lookup::new(Vec2::splat(0.5), 2);
         let mut rows = vec![Row::default(); 4];
         for (color, weight) in [(1.0, 0.25), (0.2, 0.75)] {
             add_pixel(&mut rows, 2, lookup, Vec3::splat(color), weight);

@@ -142,6 +142,7 @@ impl Raster {
         if clip.w > 0.0 { to_pixels(clip, self.size) } else { Vec3::NAN }
     }
 
+    #[inline]
     fn fill_opaque(&mut self, id: u32, setup: &Setup) {
         let size = self.size;
         let (ids, depth) = (&mut self.ids, &mut self.depth);
@@ -180,6 +181,7 @@ fn set_up(corners: [Vec3; 3], double_sided: impl Fn() -> bool) -> Option<Setup> 
 
 /// Calls `span(y, x0, x1)` for each row of pixel centres inside a triangle. Two triangles that share an edge evaluate it
 /// alike, so that between them no pixel is left out and none is drawn twice.
+#[inline]
 pub(crate) fn scan(corners: &[Vec3; 3], size: usize, mut span: impl FnMut(usize, usize, usize)) {
     let mut by_height = corners.map(|c| c.truncate());
     by_height.sort_by(|a, b| a.y.total_cmp(&b.y).then(a.x.total_cmp(&b.x)));
