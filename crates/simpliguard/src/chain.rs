@@ -182,7 +182,7 @@ pub fn bake(source: &Source<'_>, settings: &BakeSettings, context: &Context<'_>)
     check_extent(&model)?;
     let Made { levels, reports, unmet } = make_levels(source, &model, &targets, settings, context, &clock)?;
     context.report(StageId::Export, None, 0.97);
-    let options = ExportOptions { source: settings.source, version: PIPELINE_VERSION.to_owned() };
+    let options = export_options(settings);
     let glb = clock.time(StageId::Export, || gltf::export_in(&model, &levels, &options, context))?;
     context.report(StageId::Export, None, 1.0);
     let report = Report {
@@ -193,6 +193,10 @@ pub fn bake(source: &Source<'_>, settings: &BakeSettings, context: &Context<'_>)
         seconds: clock.seconds(),
     };
     Ok(Baked { glb, levels, model: Some(model), report })
+}
+
+fn export_options(settings: &BakeSettings) -> ExportOptions {
+    ExportOptions { source: settings.source, version: PIPELINE_VERSION.to_owned() }
 }
 
 fn check_extent(model: &Model) -> Result<(), Error> {
@@ -329,7 +333,7 @@ fn show_preview(shared: &Shared<'_>, wanted: &[(u32, &Shape)], sink: &dyn Previe
     // What is told of its progress is that of the result.
     let silent = Context { progress: None, ..context.clone() };
     let (levels, _) = level::make_levels(&Shared { settings: &quick, context: &silent, ..*shared }, wanted)?;
-    let options = ExportOptions { source: settings.source, version: PIPELINE_VERSION.to_owned() };
+    let options = export_options(settings);
     sink.show(clock.time(StageId::Export, || gltf::export_in(model, &levels, &options, &silent))?);
     Ok(())
 }

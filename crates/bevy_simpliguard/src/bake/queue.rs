@@ -314,6 +314,8 @@ impl State {
 
 #[cfg(test)]
 mod tests {
+    use std::path::PathBuf;
+
     use simpliguard::settings::BakeSettings;
     use simpliguard_cache::KeyBuilder;
 
@@ -326,6 +328,17 @@ mod tests {
 
     fn job(path: &'static str, version: &str) -> Job {
         Job::in_background(order(path, version), blake3::hash(b"source"))
+    }
+
+    /// A folder with a model that was passed through, and its job, taken.
+    fn passed_through() -> (tempfile::TempDir, PathBuf, Queue, Taken) {
+        let dir = tempfile::tempdir().expect("tempdir");
+        let file = dir.path().join("a.glb");
+        fs::write(&file, "source").expect("writes");
+        let queue = Queue::default();
+        queue.push(job("a.glb", "1"));
+        let taken = queue.take().expect("a job");
+        (dir, file, queue, taken)
     }
 
     #[test]
@@ -345,12 +358,7 @@ mod tests {
 
     #[test]
     fn a_model_that_is_processed_again_unchanged_is_not_baked_again() {
-        let dir = tempfile::tempdir().expect("tempdir");
-        let file = dir.path().join("a.glb");
-        fs::write(&file, "source").expect("writes");
-        let queue = Queue::default();
-        queue.push(job("a.glb", "1"));
-        let mut taken = queue.take().expect("a job");
+        let (dir, file, queue, mut taken) = passed_through();
         queue.push(job("a.glb", "1"));
         assert!(queue.lock().waiting.is_empty() && !taken.cancellation.is_cancelled());
         let levels = || Bytes::from_static(b"levels");
@@ -381,12 +389,7 @@ mod tests {
 
     #[test]
     fn a_result_is_exchanged_only_for_what_was_passed_through() {
-        let dir = tempfile::tempdir().expect("tempdir");
-        let file = dir.path().join("a.glb");
-        fs::write(&file, "source").expect("writes");
-        let queue = Queue::default();
-        queue.push(job("a.glb", "1"));
-        let mut taken = queue.take().expect("a job");
+        let (dir, file, queue, mut taken) = passed_through();
         let mut deliver =
             |bytes: &'static [u8]| queue.deliver(&mut taken, Bytes::from_static(bytes), &file, dir.path());
         assert_eq!(deliver(b"levels").expect("exchanges"), Delivery::Done);
@@ -401,12 +404,7 @@ mod tests {
 
     #[test]
     fn what_is_shown_gives_way_to_the_result() {
-        let dir = tempfile::tempdir().expect("tempdir");
-        let file = dir.path().join("a.glb");
-        fs::write(&file, "source").expect("writes");
-        let queue = Queue::default();
-        queue.push(job("a.glb", "1"));
-        let mut taken = queue.take().expect("a job");
+        let (dir, file, queue, mut taken) = passed_through();
         assert!(queue.show(&taken, b"preview", &file, dir.path()).expect("exchanges"));
         assert_eq!(fs::read(&file).expect("reads"), b"preview");
         assert!(!queue.lock().wishes[&AssetPath::from("a.glb")].met, "the result is still to come");
