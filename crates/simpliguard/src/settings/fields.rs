@@ -291,7 +291,10 @@ macro_rules! settings {
 }
 
 fn check<T: Value>(name: &str, value: &T, limit: Limit) -> Result<(), String> {
-    value.check(limit).map_err(|expected| format!("{name}: {} is out of range: expected {expected}", value.ron()))
+    value.check(limit).map_err(|expected| {
+        let nearest = value.nearest(limit).map(|n| format!("; the nearest is {}", n.ron())).unwrap_or_default();
+        format!("{name}: {} is out of range: expected {expected}{nearest}", value.ron())
+    })
 }
 
 settings! {
@@ -522,12 +525,16 @@ mod tests {
         assert_eq!(message("quality", "good"), "settings: quality=good: expected draft, standard or best");
         assert_eq!(
             message("texture_size", "1000"),
-            "settings: texture_size: 1000 is out of range: expected a power of two from 64 to 4096"
+            "settings: texture_size: 1000 is out of range: expected a power of two from 64 to 4096; the \
+             nearest is 1024"
         );
         assert_eq!(
             message("faces", "1000,2"),
-            "settings: faces: [1000, 2] is out of range: expected 1 to 8 whole numbers, each from 4 to 1000000"
+            "settings: faces: [1000, 2] is out of range: expected 1 to 8 whole numbers, each from 4 to 1000000; the \
+             nearest is [1000, 4]"
         );
+        assert!(message("step_length", "7").ends_with("a number from 0.0001 to 0.1; the nearest is 0.1"));
+        assert!(message("resolution", "4096").ends_with("; the nearest is Cells(512)"));
         assert!(message("step_length", "nan").contains("a number from 0.0001 to 0.1"));
     }
 

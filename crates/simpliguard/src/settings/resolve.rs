@@ -173,6 +173,9 @@ mod tests {
     fn overrides_made_in_code_are_checked() {
         let overrides = BakeOverrides { gutter: Some(99), ..BakeOverrides::default() };
         let error = resolve(vec![Layer { origin: project(), overrides }]).expect_err("out of range");
-        assert_eq!(error.to_string(), "settings: gutter: 99 is out of range: expected a whole number from 1 to 16");
+        assert_eq!(
+            error.to_string(),
+            "settings: gutter: 99 is out of range: expected a whole number from 1 to 16; the nearest is 16"
+        );
     }
 }

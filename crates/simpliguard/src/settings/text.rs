@@ -76,7 +76,8 @@ mod tests {
         );
         assert_eq!(
             message("(\n    views: 48,\n    texture_size: 1000,\n)"),
-            "settings: a.ron:3:19: texture_size: 1000 is out of range: expected a power of two from 64 to 4096"
+            "settings: a.ron:3:19: texture_size: 1000 is out of range: expected a power of two from 64 to 4096; the \
+             nearest is 1024"
         );
         assert_eq!(message("(views: 8, views: 9)"), "settings: a.ron:1:12: 'views' is set twice");
         assert_eq!(

@@ -25,6 +25,18 @@ impl Limit {
         }
     }
 
+    /// The number inside that is nearest to `value`.
+    fn nearest(self, value: f64) -> Option<f64> {
+        match self {
+            Self::None => None,
+            Self::Between(low, high) => Some(value.clamp(low, high)),
+            Self::PowerOfTwo(low, high) => {
+                let all = (low.trailing_zeros()..=high.trailing_zeros()).map(|bit| f64::from(1_u32 << bit));
+                all.min_by(|a, b| (a - value).abs().total_cmp(&(b - value).abs()))
+            }
+        }
+    }
+
     /// "from 1 to 16", after "a whole number" and the like.
     pub(super) fn words(self) -> String {
         match self {
@@ -46,6 +58,10 @@ pub(super) trait Value: Sized {
     /// `Err` says what was expected.
     fn check(&self, _: Limit) -> Result<(), String> {
         Ok(())
+    }
+    /// The value in range that is nearest to this one, if there is such a thing.
+    fn nearest(&self, _: Limit) -> Option<Self> {
+        None
     }
     /// Equal wishes become equal values.
     fn normalised(self) -> Self {
@@ -86,6 +102,10 @@ impl Value for u32 {
     fn check(&self, limit: Limit) -> Result<(), String> {
         if limit.allows_whole(*self) { Ok(()) } else { Err(Self::accepts(limit)) }
     }
+
+    fn nearest(&self, limit: Limit) -> Option<Self> {
+        limit.nearest(f64::from(*self)).map(|n| n as Self)
+    }
 }
 
 impl Value for f32 {
@@ -108,6 +128,10 @@ impl Value for f32 {
             _ => self.is_finite(),
         };
         if allowed { Ok(()) } else { Err(Self::accepts(limit)) }
+    }
+
+    fn nearest(&self, limit: Limit) -> Option<Self> {
+        limit.nearest(f64::from(*self)).map(|n| n as Self).filter(|n| n.is_finite())
     }
 
     fn normalised(self) -> Self {
@@ -135,6 +159,11 @@ impl Value for Vec<u32> {
     fn check(&self, limit: Limit) -> Result<(), String> {
         let allowed = (1..=MAX_LEVELS).contains(&self.len()) && self.iter().all(|n| limit.allows_whole(*n));
         if allowed { Ok(()) } else { Err(Self::accepts(limit)) }
+    }
+
+    fn nearest(&self, limit: Limit) -> Option<Self> {
+        let all: Option<Self> = self.iter().take(MAX_LEVELS).map(|n| n.nearest(limit)).collect();
+        all.filter(|all| !all.is_empty())
     }
 
     fn normalised(mut self) -> Self {
@@ -179,6 +208,13 @@ impl Value for Resolution {
             _ => Ok(()),
         }
     }
+
+    fn nearest(&self, limit: Limit) -> Option<Self> {
+        match self {
+            Self::Cells(n) => n.nearest(limit).map(Self::Cells),
+            Self::Auto => None,
+        }
+    }
 }
 
 /// How colours are stored in the output.
@@ -215,6 +251,13 @@ impl Value for TextureFormat {
         match self {
             Self::Jpeg(n) if !limit.allows_whole(*n) => Err(Self::accepts(limit)),
             _ => Ok(()),
+        }
+    }
+
+    fn nearest(&self, limit: Limit) -> Option<Self> {
+        match self {
+            Self::Jpeg(n) => n.nearest(limit).map(Self::Jpeg),
+            Self::Png => None,
         }
     }
 }
