@@ -354,7 +354,7 @@ fn views_of(
 ) -> Vec<View> {
     let (count, size) = (settings.views as usize, settings.view_size as usize);
     // A few at a time, so that a bake that nobody wants any more ends soon.
-    let few = rayon::current_num_threads().max(8);
+    let few = 2 * rayon::current_num_threads();
     let wanted = || !context.cancellation.is_cancelled();
     let cameras = viewpoints(frame, count, seed);
     let taken = cameras.chunks(few).take_while(|_| wanted()).flat_map(|cameras| take_views(sampler, cameras, size));

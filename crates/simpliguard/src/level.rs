@@ -106,7 +106,10 @@ fn make_level(shared: &Shared<'_>, number: u32, budget: u32, shape: &Shape) -> R
 
     let unlit = model.materials.iter().all(|m| m.unlit);
     let channels = Channels { normal: settings.normal_map && !unlit, alpha, format: settings.texture_format };
-    let (topology, deviation) = (LevelTopology::of(&mesh), shared.gauge.measure(&mesh));
+    let topology = LevelTopology::of(&mesh);
+    context.check(&model.name)?;
+    let deviation = shared.gauge.measure(&mesh);
+    context.check(&model.name)?;
     let (mesh, textures, material) = clock.time(StageId::Texture, || {
         let morphs = match settings.morph_targets {
             MorphTargets::Transfer => rig::transfer_morphs(shared.donor, &mesh),
@@ -317,7 +320,9 @@ fn influences(shared: &Shared<'_>, mesh: &TriMesh) -> Vec<Influences> {
         stand_ins.fold(&mut influences);
     }
     match shared.poses {
-        Some(poses) if shared.settings.refine_weights => rig::fit(shared.donor, poses, mesh, influences),
+        Some(poses) if shared.settings.refine_weights && !shared.context.cancellation.is_cancelled() => {
+            rig::fit(shared.donor, poses, mesh, influences)
+        }
         _ => influences,
     }
 }

@@ -86,6 +86,9 @@ pub fn reconstruct(
     }
     flood::mark_inside(&mut grid);
     repair::make_well_composed(&mut grid);
+    if cancellation.is_cancelled() {
+        return TriMesh::default();
+    }
     let mut mesh = nets::extract(&grid);
     pull::pull_back(&mut mesh, &grid, bvh, params.keep, cancellation);
     mesh

@@ -302,6 +302,9 @@ fn collapse_dense(
     if let Some(importance) = inputs.importance {
         weights.iter_mut().zip(importance.of_faces(mesh, inputs.bvh)).for_each(|(weight, factor)| *weight *= factor);
     }
+    if inputs.cancellation.is_cancelled() {
+        return Vec::new();
+    }
     let mut simplifier = Simplifier::new(&unit, &weights, params.curvature);
     simplifier.stop_with(inputs.cancellation);
     let largest = params.budgets.last().copied().unwrap_or(0) as usize;
@@ -420,7 +423,7 @@ fn dense(inputs: &Inputs<'_>, params: &Params, road: Road) -> Dense {
     let pixels = visible_pixels(inputs, &mesh, &|t| two_sided[t]);
     let sided = pixels.iter().zip(&two_sided).filter(|(_, two)| **two).map(|(&n, _)| u64::from(n)).sum::<u64>();
     let double_sided = 2 * sided > pixels.iter().map(|&n| u64::from(n)).sum::<u64>();
-    if !params.remove_invisible || pixels.iter().all(|&n| n == 0) {
+    if !params.remove_invisible || pixels.iter().all(|&n| n == 0) || inputs.cancellation.is_cancelled() {
         return Dense { mesh, pixels, double_sided };
     }
     let mut seen: Vec<bool> = pixels.iter().map(|&n| n > 0).collect();

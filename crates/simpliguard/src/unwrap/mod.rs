@@ -110,7 +110,7 @@ pub fn unwrap(mesh: &TriMesh, importance: Option<&[f32]>, params: &UnwrapParams,
             return Atlas::default();
         }
         charts.sort_by_key(|c| c.chart.faces[0]);
-        let layout = pack::pack(&surface, &charts, params);
+        let layout = pack::pack(&surface, &charts, params, cancellation);
         let collapsed: Vec<Vec<bool>> = charts.iter().zip(&layout.uv).map(|(c, uv)| collapsed_faces(c, uv)).collect();
         if !collapsed.iter().flatten().any(|&c| c) {
             return atlas(&surface, &charts, &layout, params);

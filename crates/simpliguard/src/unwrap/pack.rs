@@ -12,6 +12,7 @@ use super::chart::FlatChart;
 use super::piece::{Piece, Stamp};
 use super::strip::Strip;
 use super::surface::Surface;
+use crate::Cancellation;
 
 /// Trials of the density search, and how many of them are near the first.
 const TRIALS: usize = 40;
@@ -74,15 +75,18 @@ impl Grid {
     }
 }
 
-/// Places all charts. Never fails: where the gutters leave no room they are given up, then cells are halved.
-pub(super) fn pack(surface: &Surface, charts: &[FlatChart], params: &UnwrapParams) -> Layout {
+/// Places all charts. Never fails: where the gutters leave no room they are given up, then cells are halved. None are placed
+/// if cancelled.
+pub(super) fn pack(
+    surface: &Surface,
+    charts: &[FlatChart],
+    params: &UnwrapParams,
+    cancellation: &Cancellation,
+) -> Layout {
     let pieces: Vec<Piece> = charts.iter().map(|c| Piece::new(surface, c)).collect();
-    if pieces.is_empty() {
-        return Layout { uv: Vec::new(), density: 0.0 };
-    }
     let mut grid = Grid::new(params.size.max(1) as usize, params.gutter as usize);
-    loop {
-        if let Some(layout) = densest(&pieces, grid) {
+    while !pieces.is_empty() && !cancellation.is_cancelled() {
+        if let Some(layout) = densest(&pieces, grid, cancellation) {
             return layout;
         }
         grid = match grid.gutter {
@@ -90,14 +94,15 @@ pub(super) fn pack(surface: &Surface, charts: &[FlatChart], params: &UnwrapParam
             g => Grid::new(grid.side, g / 2),
         };
     }
+    Layout { uv: Vec::new(), density: 0.0 }
 }
 
 /// The densest layout found over the orders. It is searched with cells of twice the width, which takes a quarter of the
 /// time, and then tightened.
-fn densest(pieces: &[Piece], grid: Grid) -> Option<Layout> {
+fn densest(pieces: &[Piece], grid: Grid, cancellation: &Cancellation) -> Option<Layout> {
     let orders = orders(pieces);
-    let Some((found, order)) = grid.halved().and_then(|coarse| search(pieces, &orders, coarse)) else {
-        return search(pieces, &orders, grid).map(|(layout, _)| layout);
+    let Some((found, order)) = grid.halved().and_then(|coarse| search(pieces, &orders, coarse, cancellation)) else {
+        return search(pieces, &orders, grid, cancellation).map(|(layout, _)| layout);
     };
     let tighter = TIGHTER.iter().find_map(|factor| layout(pieces, order, found.density * factor, grid, 1.0));
     Some(tighter.map_or(found, |(layout, _)| layout))
@@ -118,7 +123,12 @@ fn orders(pieces: &[Piece]) -> Vec<Vec<usize>> {
 
 /// The densest layout over `orders` and its order. The height of the strip does not rise evenly with the density, so a
 /// secant step only finds the neighbourhood, which is then searched downwards.
-fn search<'a>(pieces: &[Piece], orders: &'a [Vec<usize>], grid: Grid) -> Option<(Layout, &'a [usize])> {
+fn search<'a>(
+    pieces: &[Piece],
+    orders: &'a [Vec<usize>],
+    grid: Grid,
+    cancellation: &Cancellation,
+) -> Option<(Layout, &'a [usize])> {
     let mut start = first_density(pieces, grid);
     let (_, height) = (0..TRIALS).find_map(|_| {
         let found = layout(pieces, orders.first()?, start, grid, 2.0);
@@ -130,7 +140,8 @@ fn search<'a>(pieces: &[Piece], orders: &'a [Vec<usize>], grid: Grid) -> Option<
     for order in orders {
         let mut density = start;
         for trial in 0..TRIALS {
-            if best.as_ref().is_some_and(|(found, _)| found.density >= density) {
+            let is_denser = best.as_ref().is_some_and(|(found, _)| found.density >= density);
+            if is_denser || cancellation.is_cancelled() {
                 break;
             }
             if let Some((found, _)) = layout(pieces, order, density, grid, 1.0) {
@@ -221,7 +232,8 @@ mod tests {
 
     #[test]
     fn four_equal_squares_fill_the_atlas() {
-        let layout = densest(&[square(1.0), square(1.0), square(1.0), square(1.0)], Grid::new(64, 0));
+        let layout =
+            densest(&[square(1.0), square(1.0), square(1.0), square(1.0)], Grid::new(64, 0), &Cancellation::default());
         assert!(layout.expect("fits").density * 64.0 > 31.0);
     }
 }
