@@ -293,7 +293,7 @@ fn make_levels(
         context.stored(key, || shape::shape(&inputs, &params, context))
     })?;
     let deviations: Vec<Deviation> = shapes.iter().map(|s| s.deviation).collect();
-    context.report(StageId::Unwrap, None, 0.4);
+    context.report(StageId::Unwrap, None, level::LEVELS_BEGIN);
     let shared = Shared {
         model,
         sampler: &sampler,

@@ -1,5 +1,7 @@
 //! From a shape to a finished level: unwrap, texture, refine, rig.
 
+use std::sync::{Mutex, PoisonError};
+
 use glam::Vec4;
 use rayon::prelude::*;
 
@@ -15,8 +17,10 @@ use crate::settings::{BakeSettings, InitialTexture, MorphTargets, SkinTransfer, 
 use crate::shape::{self, Cards, Gauge, JointPlanes, Road, Shape};
 use crate::texture::{self, Channels, Texel};
 use crate::unwrap::{Atlas, UnwrapParams, unwrap};
-use crate::{Bvh, Context, Error, Key, StageId};
+use crate::{Bvh, Context, Error, Key, Progress, ProgressSink, StageId};
 
+/// Part of the whole bake that is done when the levels begin.
+pub(crate) const LEVELS_BEGIN: f32 = 0.4;
 /// Largest texture during descent: a view resolves no more, and the last solution is at full size.
 const FITTED_SIZE: usize = 512;
 /// Most faces of a level that takes its first steps at half size: the edges of others are but a few pixels long there.
@@ -61,9 +65,33 @@ pub(crate) fn make_levels(
     shared: &Shared<'_>,
     wanted: &[(u32, &Shape)],
 ) -> Result<(Vec<Level>, Vec<LevelReport>), Error> {
+    let told = vec![LEVELS_BEGIN; wanted.len()];
+    let overall = shared.context.progress.map(|sink| Overall { sink, levels: Mutex::new(told) });
+    let progress = overall.as_ref().map(|overall| overall as &dyn ProgressSink);
+    let context = Context { progress, ..shared.context.clone() };
+    let shared = &Shared { context: &context, ..*shared };
     let make = |(i, &(budget, shape)): (usize, &(u32, &Shape))| make_level(shared, i as u32 + 1, budget, shape);
     let made: Result<Vec<_>, Error> = wanted.par_iter().enumerate().map(make).collect();
     Ok(made?.into_iter().unzip())
+}
+
+/// How far all levels are: the mean of how far each is, whether they are made together or one after the other.
+struct Overall<'a> {
+    sink: &'a dyn ProgressSink,
+    /// What each has told.
+    levels: Mutex<Vec<f32>>,
+}
+
+impl ProgressSink for Overall<'_> {
+    fn report(&self, progress: Progress) {
+        let mut levels = self.levels.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(level) = progress.level.and_then(|number| levels.get_mut(number - 1)) {
+            *level = level.max(progress.fraction);
+        }
+        let fraction = levels.iter().sum::<f32>() / levels.len() as f32;
+        // Still under the lock, so that a report is not overtaken by a later one.
+        self.sink.report(Progress { fraction, ..progress });
+    }
 }
 
 /// Makes level `number` (from 1) of `budget` faces from its shape.
@@ -73,7 +101,7 @@ fn make_level(shared: &Shared<'_>, number: u32, budget: u32, shape: &Shape) -> R
     // Cards have their outline in the texture.
     let size = if shape.cards.is_some() { settings.texture_size } else { texture_size(settings, budget) } as usize;
     let params = UnwrapParams { size: size as u32, gutter: settings.gutter };
-    context.report(StageId::Unwrap, Some(number as usize), 0.4);
+    context.report(StageId::Unwrap, Some(number as usize), LEVELS_BEGIN);
     let atlas = clock.time(StageId::Unwrap, || {
         let density = shape::texel_density(&shape.mesh, &shared.frame, shape.double_sided, &context.cancellation);
         let key = context.key(|| atlas_key(&shape.mesh, &density, &params));
