@@ -11,21 +11,26 @@ use std::time::{Duration, Instant};
 
 use bevy::animation::AnimationPlugin;
 use bevy::app::{ScheduleRunnerPlugin, TaskPoolOptions, TaskPoolPlugin, TaskPoolThreadAssignmentPolicy};
+use bevy::asset::io::Writer;
 use bevy::asset::io::file::FileAssetReader;
-use bevy::asset::{AssetLoadFailedEvent, AssetMode};
+use bevy::asset::processor::{Process, ProcessContext, ProcessError};
+use bevy::asset::{AssetLoadFailedEvent, AssetMode, AsyncWriteExt};
 use bevy::camera::CameraPlugin;
-use bevy::gltf::{Gltf, GltfAssetLabel, GltfPlugin};
+use bevy::camera::primitives::MeshAabb;
+use bevy::gltf::{Gltf, GltfAssetLabel, GltfMesh, GltfPlugin};
+use bevy::image::{ImageLoader, ImageLoaderSettings};
 use bevy::log::LogPlugin;
 use bevy::mesh::MeshPlugin;
 use bevy::prelude::*;
 use bevy::tasks::ComputeTaskPool;
 use bevy::world_serialization::{WorldAssetRoot, WorldInstanceReady, WorldSerializationPlugin};
 use bevy_simpliguard::{
-    BakeFailed, BakeFinished, BakeMode, BakePriority, BakeStarted, BakeStatus, Bakes, SimpliguardPlugin,
+    BakeFailed, BakeFinished, BakeMode, BakePriority, BakeProgress, BakeStarted, BakeStatus, Bakes, SimpliguardPlugin,
 };
 use serde::Deserialize;
 use serde_json::{Value, json};
 
+use super::model::png;
 use super::project::files_below;
 use super::scenes;
 
@@ -45,6 +50,8 @@ pub(super) struct Options {
     blocking: bool,
     threads: Option<usize>,
     priority: Priority,
+    /// Pictures are processed too, by something that makes them black.
+    blacken_pictures: bool,
     scene: Option<Scene>,
     work: Option<Work>,
 }
@@ -122,6 +129,9 @@ fn game() {
         GltfPlugin::default(),
         AnimationPlugin,
     ));
+    if options.blacken_pictures {
+        app.register_asset_processor(Blacken).set_default_asset_processor::<Blacken>("png");
+    }
     match options.scene {
         Some(Scene::CameraMovesAway) => scenes::move_camera_away(&mut app),
         Some(Scene::ClipPlays) => scenes::play_clip(&mut app),
@@ -141,6 +151,26 @@ fn game() {
         .add_systems(Update, (time_frames, report_models, quit))
         .add_observer(report_instance);
     assert!(app.run().is_success());
+}
+
+/// Stands for whatever a game does with its pictures.
+#[derive(TypePath)]
+struct Blacken;
+
+impl Process for Blacken {
+    type Settings = ();
+    type OutputLoader = ImageLoader;
+
+    async fn process(
+        &self,
+        _: &mut ProcessContext<'_>,
+        (): &(),
+        writer: &mut Writer,
+    ) -> Result<ImageLoaderSettings, ProcessError> {
+        let written = writer.write_all(&png([0; 3])).await;
+        written.map_err(|error| ProcessError::AssetSaveError(error.into()))?;
+        Ok(ImageLoaderSettings::default())
+    }
 }
 
 /// What waits for something in Bevy's processor holds everything up then, as on any machine of two cores.
@@ -229,11 +259,16 @@ fn report_bakes(
     clock: Res<Clock>,
     bakes: Res<Bakes>,
     mut started: MessageReader<BakeStarted>,
+    mut progress: MessageReader<BakeProgress>,
     mut finished: MessageReader<BakeFinished>,
     mut failed: MessageReader<BakeFailed>,
 ) {
     for message in started.read() {
         say(&clock, json!({ "what": "started", "path": message.path.to_string() }));
+    }
+    for message in progress.read() {
+        let (path, fraction) = (message.path.to_string(), message.fraction);
+        say(&clock, json!({ "what": "progress", "path": path, "fraction": fraction }));
     }
     for message in finished.read() {
         let seconds = message.duration.as_secs_f64();
@@ -251,7 +286,7 @@ fn report_bakes(
 fn report_models(
     clock: Res<Clock>,
     models: Res<Models>,
-    assets: Res<Assets<Gltf>>,
+    (assets, gltf_meshes, meshes): (Res<Assets<Gltf>>, Res<Assets<GltfMesh>>, Res<Assets<Mesh>>),
     mut events: MessageReader<AssetEvent<Gltf>>,
     mut failures: MessageReader<AssetLoadFailedEvent<Gltf>>,
     mut all: Local<bool>,
@@ -261,7 +296,10 @@ fn report_models(
         let AssetEvent::LoadedWithDependencies { id } = event else { continue };
         let (Some(gltf), Some(path)) = (assets.get(*id), path_of(*id)) else { continue };
         let levels = gltf.named_nodes.keys().filter(|name| name.starts_with("LOD") && !name.contains(' ')).count();
-        say(&clock, json!({ "what": "loaded", "path": path, "levels": levels }));
+        let sizes = gltf.meshes.iter().filter_map(|mesh| gltf_meshes.get(mesh)).flat_map(|mesh| &mesh.primitives);
+        let boxes = sizes.filter_map(|part| meshes.get(&part.mesh)?.compute_aabb());
+        let size = boxes.map(|aabb| aabb.half_extents.length()).fold(0.0, f32::max);
+        say(&clock, json!({ "what": "loaded", "path": path, "levels": levels, "size": size }));
     }
     if !*all && models.0.iter().all(|(_, handle)| assets.contains(handle)) {
         *all = true;

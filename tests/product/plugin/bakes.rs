@@ -1,6 +1,7 @@
 //! What is baked when, and what the game shows meanwhile.
 
 use std::fs;
+use std::time::Duration;
 
 use super::model::{globe, globe_glb, png};
 use super::project::{Project, files_below};
@@ -29,6 +30,7 @@ fn the_model_comes_at_once_and_its_levels_follow() {
     game.wait_for("finished", "globe.gltf");
     game.wait_for_levels("globe.gltf", 2);
     assert_eq!((game.count("started"), game.count("failed")), (1, 0));
+    game.assert_rising_progress("globe.gltf");
     game.quit();
     let processed = fs::read(project.path("imported_assets/Default/globe.gltf")).expect("processed");
     assert!(processed.starts_with(b"glTF"));
@@ -56,6 +58,42 @@ fn a_saved_texture_gives_new_levels() {
     game.wait_for_levels("globe.gltf", 2);
     assert_ne!(before, fs::read(project.path("imported_assets/Default/globe.gltf")).expect("processed"));
     game.quit();
+}
+
+#[test]
+fn a_saved_buffer_gives_new_levels() {
+    let project = with_globe();
+    let mut game = project.run();
+    let size = game.wait_for_levels("globe.gltf", 2)["size"].as_f64().expect("a number");
+    // Positions come first.
+    let (json, mut bin) = globe(40);
+    let positions = json["bufferViews"][0]["byteLength"].as_u64().expect("a number") as usize;
+    for number in bin[..positions].chunks_exact_mut(4) {
+        let half = 0.5 * f32::from_le_bytes(number.try_into().expect("four bytes"));
+        number.copy_from_slice(&half.to_le_bytes());
+    }
+    project.save("assets/globe.bin", bin);
+    game.wait_for("started", "globe.gltf");
+    let halved = game.wait_for_levels("globe.gltf", 2)["size"].as_f64().expect("a number");
+    assert!((halved / size - 0.5).abs() < 0.02, "{size} became {halved}");
+    game.quit();
+}
+
+/// Bevy has the files that a model names processed too; the model is baked from what they were.
+#[test]
+fn textures_are_taken_as_they_are_saved() {
+    let bake = |options| {
+        let project = with_globe();
+        let mut game = project.run_with(options);
+        game.wait_for_levels("globe.gltf", 2);
+        game.quit();
+        let processed = |name| fs::read(project.path("imported_assets/Default").join(name)).expect("processed");
+        (processed("globe.png"), processed("globe.gltf"))
+    };
+    let (picture, model) = bake("");
+    let (blackened, same_model) = bake("blacken_pictures: true");
+    assert!(picture != blackened, "pictures are not processed");
+    assert!(model == same_model);
 }
 
 #[test]
@@ -112,6 +150,14 @@ fn saved_project_settings_reach_every_model() {
     project.save("config/simpliguard.ron", text.replace("[100, 200]", "[120]"));
     game.wait_for_each("finished", &both);
     assert_eq!(game.count("started"), 4);
+
+    // A rule that reaches one of them has that one baked.
+    let text = text.replace("[100, 200]", "[120]");
+    let rule = "rules: [(glob: \"more/**\", settings: (faces: [130]))])";
+    project.save("config/simpliguard.ron", text.strip_suffix(')').expect("RON").to_owned() + ", " + rule);
+    game.wait_for("finished", "more/ball.glb");
+    game.listen(Duration::from_secs(1));
+    assert_eq!(game.count("started"), 5);
     game.quit();
 }
 
@@ -140,6 +186,27 @@ fn a_saved_model_is_baked_again_and_a_broken_one_leaves_the_last_good() {
     project.save("assets/ball.glb", &good);
     second.wait_for_levels("ball.glb", 2);
     assert_eq!((second.count("finished"), second.count("load failed"), second.fewest_levels()), (0, 0, 2));
+    second.quit();
+}
+
+/// Bevy drops all that it has processed when a file fails twice.
+#[test]
+fn a_model_that_is_broken_again_and_again_costs_others_nothing() {
+    let project = with_ball();
+    project.save("assets/other.glb", globe_glb(44));
+    let mut game = project.run();
+    game.wait_for_each("finished", &["ball.glb", "other.glb"]);
+    for length in [500, 400] {
+        project.save("assets/ball.glb", &globe_glb(40)[..length]);
+        game.wait_for("failed", "ball.glb");
+    }
+    game.quit();
+    let processed = project.path("imported_assets/Default/other.glb");
+    let written = || fs::metadata(&processed).and_then(|file| file.modified()).expect("processed");
+    let before = written();
+    let mut second = project.run();
+    second.wait_for_levels("other.glb", 2);
+    assert_eq!((second.count("started"), written()), (0, before));
     second.quit();
 }
 

@@ -88,6 +88,41 @@ fn figures_one_large_model() {
     println!("500 MB: longest frame {:.0} ms", 1000.0 * end["worst_frame"].as_f64().expect("seconds"));
 }
 
+/// Time from a save to the start of the next bake, with the one before at work for a while longer each time.
+fn save_to_next_start(rings: u32, options: &str) {
+    let project = Project::new();
+    project.save("config/simpliguard.ron", "()");
+    project.save("assets/ball.glb", globe_glb(rings));
+    let mut game = project.run_with(options);
+    game.wait_for("started", "ball.glb");
+    let times: Vec<f64> = (1..=12)
+        .map(|i| {
+            game.listen(Duration::from_millis(300 + 650 * u64::from(i)));
+            let (saved, finished) = (Instant::now(), game.count("finished"));
+            project.save("assets/ball.glb", globe_glb(rings + i));
+            game.wait_for("started", "ball.glb");
+            assert_eq!(game.count("finished"), finished, "the bake was done before its turn came");
+            saved.elapsed().as_secs_f64()
+        })
+        .collect();
+    let (mean, worst) = (times.iter().sum::<f64>() / times.len() as f64, times.iter().copied().fold(0.0, f64::max));
+    println!(
+        "{} triangles, {options}: from a save to the next bake {mean:.2} s, longest {worst:.2} s",
+        2 * rings * rings
+    );
+    game.kill();
+}
+
+#[test]
+#[ignore = "a figure"]
+fn figures_outdated_bakes() {
+    for rings in [160, 400] {
+        for options in ["priority: Lowest", "priority: Normal"] {
+            save_to_next_start(rings, options);
+        }
+    }
+}
+
 /// Frame times of a game that works on both of two cores for 8 ms a frame, and how far its bake came.
 fn frame_times(frame: f64, options: &str) {
     let project = Project::new();

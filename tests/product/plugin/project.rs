@@ -15,7 +15,7 @@ use tempfile::TempDir;
 use super::app;
 
 /// Far more than anything takes, on a machine that does other things as well.
-const PATIENCE: Duration = Duration::from_secs(120);
+pub(super) const PATIENCE: Duration = Duration::from_secs(120);
 
 /// Settings with which a bake takes a fraction of a second.
 const QUICK: &str = "(defaults: (faces: [100, 200], quality: Draft, candidates: Source, views: 8, view_size: 128, \
@@ -201,12 +201,12 @@ impl Game {
         value.and_then(|v| v.split_whitespace().next()?.parse().ok()).expect("a number")
     }
 
-    /// How many threads of the plugin there are; Bevy has its own for files, as many as there are files at once.
+    /// How many threads there are whose names start so.
     #[cfg(target_os = "linux")]
-    pub(super) fn own_threads(&self) -> usize {
+    pub(super) fn threads(&self, start: &str) -> usize {
         let threads = fs::read_dir(format!("/proc/{}/task", self.child.id())).expect("lists").filter_map(Result::ok);
         let names = threads.filter_map(|thread| fs::read_to_string(thread.path().join("comm")).ok());
-        names.filter(|name| name.starts_with("simpliguard")).count()
+        names.filter(|name| name.starts_with(start)).count()
     }
 
     /// The latest report of a kind.
@@ -224,6 +224,14 @@ impl Game {
     pub(super) fn assert_counts(&mut self, wanted: &[(&str, usize)]) {
         let counts: Vec<_> = wanted.iter().map(|&(what, _)| (what, self.count(what))).collect();
         assert_eq!(counts, wanted, "{}", self.story());
+    }
+
+    /// Checks that the bakes of a model told how far they are, and went forward.
+    #[track_caller]
+    pub(super) fn assert_rising_progress(&self, path: &str) {
+        let progress = self.past.iter().filter(|r| r["what"] == "progress" && r["path"] == path);
+        let fractions: Vec<f64> = progress.filter_map(|r| r["fraction"].as_f64()).collect();
+        assert!(fractions.len() > 3 && fractions.is_sorted() && fractions.last() <= Some(&1.0), "{fractions:?}");
     }
 
     /// The fewest levels that any model was loaded with.
