@@ -212,7 +212,7 @@ mod tests {
         ];
         assert_eq!(
             (PIPELINE_VERSION, keys.map(|key| key.hex()[..16].to_owned())),
-            ("5", ["a97a2bd5df6ffb4b", "780ca98cc018b79c"].map(str::to_owned))
+            ("6", ["c5eb27ff9221bb40", "e5c126168b063372"].map(str::to_owned))
         );
     }
 }

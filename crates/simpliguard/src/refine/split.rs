@@ -10,8 +10,6 @@ use crate::render::{Picture, Rect, View};
 
 /// One view in this many is held out to judge by.
 const HELD_OUT: usize = 6;
-/// Iterations of the texture's conjugate gradients.
-const SOLVE_ITERATIONS: usize = 30;
 
 pub(super) struct Split<'a> {
     pub(super) fitted: Vec<&'a View>,
@@ -45,7 +43,7 @@ impl<'a> Split<'a> {
         let (views, rects) = (&self.fitted, &self.fitted_rects);
         match solver {
             Solver::LeastSquares => {
-                solve_texture(low, views, rects, smoothness, trust, SOLVE_ITERATIONS, self.cancellation);
+                solve_texture(low, views, rects, smoothness, trust, self.cancellation);
             }
             Solver::Adam(descent) => {
                 descend_texture(low, views, rects, smoothness, &descent, self.cancellation);

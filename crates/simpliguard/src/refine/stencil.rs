@@ -20,6 +20,9 @@ use crate::render::{NOTHING, Rect, View};
 const PRIOR: f32 = 0.01;
 /// Smoothness of the first of two solutions.
 const FIRST_SMOOTHNESS: f32 = 2.0;
+/// Iterations of the conjugate gradients, and those that begin with a solution of half the size.
+const ITERATIONS: usize = 30;
+const NESTED_ITERATIONS: usize = 8;
 /// Partial sums over the views: fixed, so that the result does not depend on the threads.
 const PARTS: usize = 4;
 
@@ -36,22 +39,25 @@ struct Row {
 ///
 /// With a `trust`, a pixel counts by how well it agrees with a first, smoother solution of half the size (one step of iteratively reweighted
 /// least squares, with Cauchy weights of this scale): a view that shows another part of the source than the level does,
-/// along its inner outlines, leaves no specks.
+/// along its inner outlines, leaves no specks. The one at full size begins with what that one
+/// changed (nested iteration).
 pub fn solve_texture(
     low: &mut LowPoly,
     views: &[&View],
     rects: &[Rect],
     smoothness: f32,
     trust: Option<f32>,
-    iterations: usize,
     cancellation: &Cancellation,
 ) {
-    let trust = trust.map(|scale| {
-        let mut half = low.halved();
-        solve(&mut half, views, rects, smoothness.max(FIRST_SMOOTHNESS), None, iterations, cancellation);
-        Trust { expected: half.texels, size: half.size, scale }
-    });
-    solve(low, views, rects, smoothness, trust.as_ref(), iterations, cancellation);
+    let Some(scale) = trust else {
+        return solve(low, views, rects, smoothness, None, cancellation);
+    };
+    let mut half = low.halved();
+    let initial = half.texels.clone();
+    solve(&mut half, views, rects, smoothness.max(FIRST_SMOOTHNESS), None, cancellation);
+    let change = half.texels.iter().zip(initial).map(|(after, before)| *after - before).collect();
+    let first = First { texels: half.texels, change, size: half.size, scale };
+    solve(low, views, rects, smoothness, Some(&first), cancellation);
 }
 
 fn solve(
@@ -59,13 +65,16 @@ fn solve(
     views: &[&View],
     rects: &[Rect],
     smoothness: f32,
-    trust: Option<&Trust>,
-    iterations: usize,
+    first: Option<&First>,
     cancellation: &Cancellation,
 ) {
-    let mut rows = assemble(low, views, rects, trust, cancellation);
+    let mut rows = assemble(low, views, rects, first, cancellation);
     let seen: Vec<bool> = rows.iter().map(|r| r.a[0] > 0.0).collect();
     regularise(low, &mut rows, smoothness);
+    let iterations = first.map_or(ITERATIONS, |first| {
+        first.change(&mut low.texels, low.size);
+        NESTED_ITERATIONS
+    });
     conjugate_gradients(&rows, &mut low.texels, low.size, iterations, cancellation);
     for texel in &mut low.texels {
         *texel = texel.clamp(Vec4::ZERO, Vec4::ONE).with_w(1.0);
@@ -74,18 +83,30 @@ fn solve(
     crate::texture::fill(&mut low.texels, &known, low.size);
 }
 
-/// What pixels are expected to show, and how far off they may be.
-struct Trust {
-    /// A texture of half the side.
-    expected: Vec<Vec4>,
+/// A solution of half the side.
+struct First {
+    texels: Vec<Vec4>,
+    /// From the initial texture.
+    change: Vec<Vec4>,
     size: usize,
+    /// How far off the colour of a pixel may be.
     scale: f32,
 }
 
-impl Trust {
+impl First {
+    /// Changes a texture of twice the side alike.
+    fn change(&self, texels: &mut [Vec4], size: usize) {
+        texels.par_chunks_mut(size).enumerate().for_each(|(y, row)| {
+            for (x, texel) in row.iter_mut().enumerate() {
+                let uv = Vec2::new(x as f32 + 0.5, y as f32 + 0.5) * 0.5;
+                *texel += Lookup::new(uv, self.size).sample(&self.change, self.size);
+            }
+        });
+    }
+
     /// Weight of a pixel of this colour at these texture coordinates, 0 to 1.
-    fn weight(&self, uv: Vec2, color: Vec3) -> f32 {
-        let shown = Lookup::new(uv * 0.5, self.size).sample(&self.expected, self.size).xyz();
+    fn trust(&self, uv: Vec2, color: Vec3) -> f32 {
+        let shown = Lookup::new(uv * 0.5, self.size).sample(&self.texels, self.size).xyz();
         1.0 / (1.0 + (shown - color).length_squared() / (self.scale * self.scale))
     }
 }
@@ -94,7 +115,7 @@ fn assemble(
     low: &LowPoly,
     views: &[&View],
     rects: &[Rect],
-    trust: Option<&Trust>,
+    first: Option<&First>,
     cancellation: &Cancellation,
 ) -> Vec<Row> {
     let chunk = views.len().div_ceil(PARTS).max(1);
@@ -107,7 +128,7 @@ fn assemble(
             let mut frame = Frame::new(size);
             let mut rim = vec![false; size * size];
             for (view, rect) in views.iter().zip(rects).take_while(|_| !cancellation.is_cancelled()) {
-                add_view(low, view, *rect, trust, &mut frame, &mut rim, &mut rows);
+                add_view(low, view, *rect, first, &mut frame, &mut rim, &mut rows);
             }
             rows
         })
@@ -127,7 +148,7 @@ fn add_view(
     low: &LowPoly,
     view: &View,
     rect: Rect,
-    trust: Option<&Trust>,
+    first: Option<&First>,
     frame: &mut Frame,
     rim: &mut [bool],
     rows: &mut [Row],
@@ -148,7 +169,7 @@ fn add_view(
             }
             let uv = frame.uv_at(low, id as usize, x, ndc_y).0;
             let color = view.picture.at(i).xyz();
-            let weight = trust.map_or(1.0, |trust| trust.weight(uv, color));
+            let weight = first.map_or(1.0, |first| first.trust(uv, color));
             add_pixel(rows, low.size, Lookup::new(uv, low.size), color, weight);
         }
     }
@@ -324,8 +345,8 @@ mod tests {
 
     #[test]
     fn a_pixel_counts_by_how_well_it_agrees() {
-        let trust = Trust { expected: vec![Vec4::splat(0.5); 4], size: 2, scale: 0.3 };
-        let weight = |error: f32| trust.weight(Vec2::splat(1.0), Vec3::new(0.5 + error, 0.5, 0.5));
+        let first = First { texels: vec![Vec4::splat(0.5); 4], change: Vec::new(), size: 2, scale: 0.3 };
+        let weight = |error: f32| first.trust(Vec2::splat(1.0), Vec3::new(0.5 + error, 0.5, 0.5));
         assert!(weight(0.0) > 0.999 && (weight(0.3) - 0.5).abs() < 1e-5 && weight(-0.5) < 0.3);
         let lookup = Lookup::new(Vec2::splat(0.5), 2);
         let mut rows = vec![Row::default(); 4];
@@ -333,6 +354,17 @@ mod tests {
             add_pixel(&mut rows, 2, lookup, Vec3::splat(color), weight);
         }
         assert!((rows[0].b[0] / rows[0].a[0] - 0.4).abs() < 1e-6);
+    }
+
+    #[test]
+    fn a_texture_of_twice_the_side_changes_alike() {
+        let change = (0..16).map(|i| Vec4::splat((i % 4) as f32)).collect();
+        let first = First { texels: Vec::new(), change, size: 4, scale: 0.3 };
+        let mut texels = vec![Vec4::splat(10.0); 64];
+        first.change(&mut texels, 8);
+        let row: Vec<f32> = texels[24..32].iter().map(|t| t.x - 10.0).collect();
+        // Texel centres lie a quarter of the larger texels on either side of theirs.
+        assert_eq!(row[1..7], [0.25, 0.75, 1.25, 1.75, 2.25, 2.75]);
     }
 
     #[test]

@@ -313,6 +313,9 @@ settings! {
     source: SourceGeometry = always(SourceGeometry::Keep), Limit::None, [Export];
     /// Cells of the reconstruction along the longest side of the model.
     resolution: Resolution = always(Resolution::Auto), Limit::Between(32.0, 512.0), [Reconstruct];
+    /// Cells of the finest reconstruction that `resolution: Auto` tries; one of more than 256 only where parts of the best
+    /// shape pass through each other.
+    finest_resolution: u32 = by_quality(256, 384, 512), Limit::Between(32.0, 512.0), [Reconstruct];
     /// Which surfaces compete for each level.
     candidates: Candidates = always(Candidates::All), Limit::None, [Shape];
     /// Whether faces that no ray from outside reaches are dropped.
@@ -344,7 +347,7 @@ settings! {
     /// besides the rest pose; what follows is fitted to half as many as there are views. 0 takes the rest pose alone.
     poses: u32 = by_quality(2, 4, 6), Limit::Between(0.0, 16.0), [Reconstruct, Shape, Texture, Refine];
     /// Side of each level's square textures, in texels; levels of at most 1,000 faces get half of it.
-    texture_size: u32 = always(1024), Limit::PowerOfTwo(64, 4096), [Unwrap, Texture, Refine];
+    texture_size: u32 = by_quality(512, 1024, 1024), Limit::PowerOfTwo(64, 4096), [Unwrap, Texture, Refine];
     /// How colours are stored: `Jpeg(90)` takes a fraction of the bytes. Images with alpha, and those that are no colours
     /// (normals, occlusion, roughness and metalness), stay PNG.
     texture_format: TextureFormat = always(TextureFormat::Png), Limit::Between(1.0, 100.0), [Texture, Export];
@@ -559,8 +562,9 @@ mod tests {
     #[test]
     fn a_quality_counts_by_its_values() {
         let best = BakeSettings::preset(Quality::Best);
-        let mut spelled = BakeSettings::preset(Quality::Draft);
-        (spelled.poses, spelled.views, spelled.refine_steps) = (best.poses, best.views, best.refine_steps);
+        let BakeSettings { finest_resolution, poses, texture_size, views, refine_steps, .. } = best;
+        let draft = BakeSettings::preset(Quality::Draft);
+        let spelled = BakeSettings { finest_resolution, poses, texture_size, views, refine_steps, ..draft };
         assert_eq!(best.canonical_bake(), spelled.canonical_bake());
     }
 
@@ -570,6 +574,6 @@ mod tests {
         assert_eq!(fields.len(), NAMES.len());
         assert!(fields.iter().all(|f| !f.doc.is_empty() && !f.accepts.is_empty()));
         let presets: Vec<_> = fields.iter().filter(|f| f.is_preset()).map(|f| f.name).collect();
-        assert_eq!(presets, ["poses", "views", "refine_steps"]);
+        assert_eq!(presets, ["finest_resolution", "poses", "texture_size", "views", "refine_steps"]);
     }
 }

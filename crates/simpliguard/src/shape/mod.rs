@@ -42,7 +42,7 @@ pub use solid::Solid;
 pub use visibility::texel_density;
 
 /// Directions that a mesh in the rest pose is looked at from.
-const DIRECTIONS: usize = 72;
+const DIRECTIONS: usize = 48;
 /// Faces kept, as a multiple of the largest budget, when enclosed faces are looked for.
 const ENCLOSED_AT: usize = 4;
 /// Rings of unseen faces kept around seen ones.
@@ -325,16 +325,13 @@ fn collapse_dense(
     if inputs.cancellation.is_cancelled() {
         return Vec::new();
     }
-    // Parts of a source may pass through each other: collapses cannot mend that, and would be stuck on it.
     let dense = simplifier.mesh();
-    if is_tangled(dense.triangles.len(), tangled_faces(&dense)) {
-        return down(&mut simplifier);
-    }
+    let tangled = is_tangled(dense.triangles.len(), tangled_faces(&dense));
     let mut unwatched = simplifier.clone();
     simplifier.watch_intersections();
     let mut shapes = down(&mut simplifier);
-    if simplifier.is_stuck() {
-        // Two sides of a thin sheet may fare better where each goes its own way.
+    if tangled || simplifier.is_stuck() {
+        // Parts that pass through each other, and two sides of a thin sheet, may fare better where each goes its own way.
         shapes.extend(down(&mut unwatched));
     }
     shapes

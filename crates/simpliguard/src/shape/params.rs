@@ -4,6 +4,10 @@ use crate::reconstruct;
 use crate::rig::JointPlane;
 use crate::settings::{BakeSettings, Candidates, Resolution};
 
+/// Cells of the reconstructions that `Resolution::Auto` begins with.
+const COARSE: u32 = 128;
+const FINE: u32 = 256;
+
 /// How to find the shape.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Params {
@@ -34,19 +38,21 @@ pub struct Params {
 impl Params {
     /// What the settings ask for, without joint planes.
     pub fn new(settings: &BakeSettings, budgets: &[u32]) -> Self {
+        let finest = settings.finest_resolution;
         let reconstruction = match (settings.candidates, settings.resolution) {
             (Candidates::Source, _) => None,
-            (_, Resolution::Auto) => Some(reconstruct::Params::new(128)),
+            (_, Resolution::Auto) => Some(reconstruct::Params::new(finest.min(COARSE))),
             (_, Resolution::Cells(n)) => Some(reconstruct::Params::new(n)),
         };
         // Coarse suits small budgets, fine large ones.
         let further = |p| (settings.resolution == Resolution::Auto && reconstruction.is_some()).then_some(p);
+        let beyond = |cells, p: reconstruct::Params| further(p).filter(|p| p.resolution > cells);
         Self {
             budgets: budgets.to_vec(),
             reconstruction,
-            fine: further(reconstruct::Params::new(256)),
-            thick: further(reconstruct::Params::thick(128)),
-            finer: further(reconstruct::Params::new(384)),
+            fine: beyond(COARSE, reconstruct::Params::new(finest.min(FINE))),
+            thick: further(reconstruct::Params::thick(finest.min(COARSE))),
+            finer: beyond(FINE, reconstruct::Params::new(finest)),
             // The source's own triangles need not be closed.
             source: settings.candidates != Candidates::Reconstruction && !settings.watertight,
             cards: settings.candidates == Candidates::All && !settings.watertight,
@@ -65,4 +71,23 @@ pub struct JointPlanes {
     pub planes: Vec<JointPlane>,
     /// The shape is split at once; if not, it has as many faces less, for a later stage to split.
     pub split: bool,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn no_reconstruction_is_finer_than_wanted() {
+        let cells = |finest_resolution: u32| {
+            let params = Params::new(&BakeSettings { finest_resolution, ..BakeSettings::default() }, &[1000]);
+            [params.reconstruction, params.fine, params.finer].map(|p| p.map(|p| p.resolution))
+        };
+        assert_eq!(cells(384), [Some(128), Some(256), Some(384)]);
+        assert_eq!(cells(256), [Some(128), Some(256), None]);
+        assert_eq!(cells(200), [Some(128), Some(200), None]);
+        assert_eq!(cells(64), [Some(64), None, None]);
+        let fixed = BakeSettings { resolution: Resolution::Cells(64), ..BakeSettings::default() };
+        assert_eq!(Params::new(&fixed, &[1000]).fine, None);
+    }
 }
