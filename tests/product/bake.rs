@@ -13,7 +13,7 @@ use simpliguard::{Baked, Context, NoResources, PIPELINE_VERSION, Source, Status,
 /// The pipeline version and the hash of the octopus baked with [`settings`]: outputs must not change without the version.
 const GOLDEN: (&str, &str) = ("5", "c707dcb77caf894e772fab2b415db38adf8a5242e7d09513cdb81b591c443460");
 
-static OCTOPUS: LazyLock<Baked> = LazyLock::new(|| {
+pub(super) static OCTOPUS: LazyLock<Baked> = LazyLock::new(|| {
     let bytes = std::fs::read(concat!(env!("CARGO_MANIFEST_DIR"), "/assets/octopus.glb")).expect("in the repository");
     let source = Source { name: "octopus", bytes: &bytes, resources: &NoResources };
     bake(&source, &settings(), &Context::default()).expect("bakes")

@@ -3,6 +3,7 @@
 mod assets;
 mod bake;
 mod bevy_cli;
+mod crowd;
 mod plugin;
 mod pops;
 mod readme;

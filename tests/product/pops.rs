@@ -26,6 +26,8 @@ const FRAMES: usize = 200;
 const SIDE: u32 = 360;
 /// Distances of the camera from the octopus at the first and last frame: its diagonal of 1.1 m is 130 and 1,200 pixels long.
 const WAY: (f32, f32) = (4.0, 0.92);
+/// The same where it is 40 pixels long, and hardly grows.
+const AFAR: (f32, f32) = (13.0, 12.5);
 /// A frame whose difference from the one before is more than this many times the median of its neighbours' is a pop.
 const POP: f64 = 1.15;
 /// Neighbours on each side of a frame.
@@ -35,12 +37,12 @@ const NEIGHBOURS: usize = 5;
 #[ignore = "draws 600 pictures: needs a Vulkan driver, and minutes where that is software"]
 #[expect(clippy::print_stdout, reason = "the figures")]
 fn levels_do_not_pop() {
-    let mut scene = Scene::new(octopus(), true);
-    let (with, levels) = scene.approach(|_| LodSettings::default());
-    let (without, _) = scene.approach(|_| LodSettings { enabled: false, ..default() });
+    let mut scene = Scene::new(octopus(), LodPlugin::default(), true);
+    let (with, levels) = scene.approach(WAY, |_| LodSettings::default());
+    let (without, _) = scene.approach(WAY, |_| LodSettings { enabled: false, ..default() });
     // From the smallest level to the source at once, as nobody should.
     let level = |frame| if frame < FRAMES / 2 { 1 } else { 0 };
-    let (hard, _) = scene.approach(|frame| LodSettings { fade: 0.0, force: Some(level(frame)), ..default() });
+    let (hard, _) = scene.approach(WAY, |frame| LodSettings { fade: 0.0, force: Some(level(frame)), ..default() });
     let [worst, without, hard] = [with, without, hard].map(|differences| worst(&differences));
     println!(
         "levels {levels:?}; worst ratio {:.2} at frame {}, without levels {:.2}, with a hard switch {:.2} at frame {}",
@@ -49,6 +51,21 @@ fn levels_do_not_pop() {
     assert!(hard.0.abs_diff(FRAMES / 2) <= 1 && hard.1 > POP, "a hard switch is not seen: {hard:?}");
     assert!(levels.len() > 2 && levels.first() == Some(&1), "the way shows few levels: {levels:?}");
     assert!(worst.1 < POP, "frame {} pops: {:.2} times the difference of its neighbours", worst.0, worst.1);
+}
+
+#[test]
+#[ignore = "needs a Vulkan driver"]
+#[expect(clippy::print_stdout, reason = "the figures")]
+fn mipmaps_keep_distant_levels_from_sparkling() {
+    let glb = octopus();
+    let [with, without] = [true, false].map(|mipmaps| {
+        let mut scene = Scene::new(glb.clone(), LodPlugin { mipmaps, ..default() }, true);
+        let (differences, levels) = scene.approach(AFAR, |_| LodSettings::default());
+        assert_eq!(levels, [1]);
+        differences.iter().sum::<f64>() / differences.len() as f64
+    });
+    println!("mean difference of frames afar: {with:.3} with mipmaps, {without:.3} without");
+    assert!(with < 0.9 * without, "{with} with mipmaps, {without} without");
 }
 
 #[test]
@@ -63,7 +80,7 @@ fn a_jump_is_found_where_it_is() {
 #[test]
 #[ignore = "needs a Vulkan driver"]
 fn instances_of_a_level_batch() {
-    let mut scene = Scene::new(octopus(), false);
+    let mut scene = Scene::new(octopus(), LodPlugin::default(), false);
     let world = scene.app.world_mut();
     let handle = world.get::<WorldAssetRoot>(scene.model).expect("a model").0.clone();
     for i in 1..20 {
@@ -113,7 +130,7 @@ struct Captured(Option<Vec<u8>>);
 
 impl Scene {
     /// Only where it is not pipelined can the renderer's world be looked at.
-    fn new(glb: Vec<u8>, pipelined: bool) -> Self {
+    fn new(glb: Vec<u8>, levels: LodPlugin, pipelined: bool) -> Self {
         let (mut app, dir) = (App::new(), Dir::default());
         dir.insert_asset(Path::new("model.glb"), glb);
         app.register_asset_source(
@@ -123,7 +140,7 @@ impl Scene {
         let window = WindowPlugin { primary_window: None, exit_condition: ExitCondition::DontExit, ..default() };
         let plugins = DefaultPlugins.set(window).disable::<WinitPlugin>();
         let plugins = if pipelined { plugins } else { plugins.disable::<PipelinedRenderingPlugin>() };
-        app.add_plugins((plugins, LodPlugin::default())).init_resource::<Captured>();
+        app.add_plugins((plugins, levels)).init_resource::<Captured>();
         app.finish();
         app.cleanup();
         let target = Image::new_target_texture(SIDE, SIDE, TextureFormat::Rgba8UnormSrgb, None);
@@ -151,14 +168,14 @@ impl Scene {
         self.app.world().get(self.model)
     }
 
-    /// Moves the camera all the way. Differences between successive frames, and the levels that were seen.
-    fn approach(&mut self, settings: impl Fn(usize) -> LodSettings) -> (Vec<f64>, Vec<u32>) {
+    /// Moves the camera all the way, from one distance to another. Differences between successive frames, and the levels that were seen.
+    fn approach(&mut self, way: (f32, f32), settings: impl Fn(usize) -> LodSettings) -> (Vec<f64>, Vec<u32>) {
         let (mut differences, mut levels) = (Vec::new(), Vec::new());
         let mut last: Option<Vec<u8>> = None;
         for frame in 0..FRAMES {
             let t = frame as f32 / (FRAMES - 1) as f32;
             // Each frame brings the model closer by the same factor.
-            let distance = WAY.0 * (WAY.1 / WAY.0).powf(t);
+            let distance = way.0 * (way.1 / way.0).powf(t);
             let place = Transform::from_translation(distance * Vec3::new(0.3, 0.35, 0.89).normalize());
             let world = self.app.world_mut();
             world.resource_mut::<LodSettings>().set_if_neq(settings(frame));

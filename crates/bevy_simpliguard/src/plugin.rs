@@ -42,10 +42,12 @@ pub enum BakePriority {
 /// ```
 ///
 /// Without the feature `bake` nothing is baked, and everything but the switching is without effect.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug)]
 pub struct SimpliguardPlugin {
     /// How levels are chosen at first.
     pub lods: LodSettings,
+    /// Whether the textures of levels get mipmaps; see [`LodPlugin::mipmaps`]. On by default.
+    pub mipmaps: bool,
     /// Overrides `plugin.mode` of `config/simpliguard.ron`.
     pub mode: Option<BakeMode>,
     /// A profile of `config/simpliguard.ron`.
@@ -58,9 +60,16 @@ pub struct SimpliguardPlugin {
     pub priority: Option<BakePriority>,
 }
 
+impl Default for SimpliguardPlugin {
+    fn default() -> Self {
+        let LodPlugin { settings: lods, mipmaps } = LodPlugin::default();
+        Self { lods, mipmaps, mode: None, profile: None, cache_dir: None, threads: None, priority: None }
+    }
+}
+
 impl Plugin for SimpliguardPlugin {
     fn build(&self, app: &mut App) {
-        app.add_plugins(LodPlugin { settings: self.lods.clone() });
+        app.add_plugins(LodPlugin { settings: self.lods.clone(), mipmaps: self.mipmaps });
         #[cfg(feature = "bake")]
         crate::bake::build(self, app);
     }

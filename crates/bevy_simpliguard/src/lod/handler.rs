@@ -26,6 +26,7 @@ use super::bounds::{self, Bounds};
 use super::components::{LodGroup, LodLevel, LodMember, LodPrimitive};
 use super::fade::Show;
 use super::file::{self, FileLevel, LodFile};
+use super::mipmaps::Mipmaps;
 
 /// Settings of the loader that a file may override and that entities depend on.
 #[derive(Clone, Copy, Default)]
@@ -39,6 +40,8 @@ pub(super) struct LoaderDefaults {
 pub(super) struct LodHandler {
     others: Vec<Box<dyn ErasedGltfExtensionHandler>>,
     defaults: LoaderDefaults,
+    /// For the textures of levels, unless they are to have none.
+    mipmaps: Option<Mipmaps>,
     /// The levels of the file being loaded, if it has any.
     file: Option<Arc<LodFile>>,
     /// Box of the most detailed level in scene space.
@@ -49,8 +52,12 @@ pub(super) struct LodHandler {
 
 impl LodHandler {
     /// A handler that has `others` dress the levels.
-    pub(super) fn new(others: Vec<Box<dyn ErasedGltfExtensionHandler>>, defaults: LoaderDefaults) -> Self {
-        Self { others, defaults, file: None, bounds: None, entities: HashMap::default() }
+    pub(super) fn new(
+        others: Vec<Box<dyn ErasedGltfExtensionHandler>>,
+        defaults: LoaderDefaults,
+        mipmaps: Option<Mipmaps>,
+    ) -> Self {
+        Self { others, defaults, mipmaps, file: None, bounds: None, entities: HashMap::default() }
     }
 }
 
@@ -65,12 +72,15 @@ impl GltfExtensionHandler for LodHandler {
         }
         self.defaults.convert_coordinates = settings.convert_coordinates.unwrap_or(self.defaults.convert_coordinates);
         self.defaults.bounds_policy = settings.skinned_mesh_bounds_policy.unwrap_or(self.defaults.bounds_policy);
+        if let Some(mipmaps) = &mut self.mipmaps {
+            mipmaps.begin(settings);
+        }
         self.file = LodFile::read(&gltf.document, &context.path().to_string()).map(Arc::new);
     }
 
     fn on_gltf_primitive(
         &mut self,
-        _: &mut LoadContext<'_>,
+        context: &mut LoadContext<'_>,
         _: &gltf::Gltf,
         mesh: &gltf::Mesh<'_>,
         primitive: &gltf::Primitive<'_>,
@@ -88,7 +98,17 @@ impl GltfExtensionHandler for LodHandler {
             let bounds = skinned.unwrap_or_else(|| bounds::own(primitive));
             self.bounds = Some(self.bounds.map_or(bounds, |b| b.union(bounds)));
         }
-        async {}
+        let levels = self.file.iter().flat_map(|file| file.levels.iter().filter_map(|level| file.node(level.node)));
+        let is_level = levels.filter_map(|node| node.mesh()).any(|m| m.index() == mesh.index());
+        let images = self.mipmaps.as_mut().filter(|_| is_level).map(|m| m.start(&primitive.material(), buffers));
+        async move {
+            for (label, image) in images.into_iter().flatten() {
+                if let Some(image) = image.await {
+                    // In place of what the loader made of it.
+                    context.add_labeled_asset(label.to_string(), image);
+                }
+            }
+        }
     }
 
     fn on_gltf_node(&mut self, _: &mut LoadContext<'_>, node: &gltf::Node<'_>, entity: &mut EntityWorldMut<'_>) {

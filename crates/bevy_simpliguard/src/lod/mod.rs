@@ -45,6 +45,7 @@ mod distance;
 mod fade;
 mod file;
 mod handler;
+mod mipmaps;
 mod stats;
 mod switch;
 #[cfg(test)]
@@ -52,21 +53,32 @@ mod tests;
 
 use bevy::camera::CameraUpdateSystems;
 use bevy::camera::visibility::VisibilitySystems;
-use bevy::gltf::GltfPlugin;
 use bevy::gltf::extensions::GltfExtensionHandlers;
+use bevy::gltf::{DefaultGltfImageSampler, GltfPlugin};
 use bevy::prelude::*;
 use bevy::tasks::block_on;
 use bevy::transform::TransformSystems;
 
 pub use self::components::{LodGroup, LodLevel, LodMember, LodPrimitive, LodSettings, SimpliguardLods};
 use self::handler::{LoaderDefaults, LodHandler};
+use self::mipmaps::Mipmaps;
 pub use self::stats::{LodLevelStats, LodStats};
 
 /// Switches the levels of baked glTF files. It needs Bevy's `GltfPlugin` and may be added before or after it.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug)]
 pub struct LodPlugin {
     /// The first value of the resource [`LodSettings`].
     pub settings: LodSettings,
+    /// Whether the textures of levels get mipmaps when they are loaded, so that levels in the distance do not sparkle. It
+    /// costs a third more of their memory, and loading decodes them a second time, on the threads of Bevy's
+    /// `AsyncComputeTaskPool`. They are filtered as the sampler of Bevy's `GltfPlugin` says.
+    pub mipmaps: bool,
+}
+
+impl Default for LodPlugin {
+    fn default() -> Self {
+        Self { settings: LodSettings::default(), mipmaps: true }
+    }
 }
 
 /// The systems that switch levels, in `PostUpdate` between the propagation of transforms and the check of visibility.
@@ -108,8 +120,10 @@ impl Plugin for LodPlugin {
             error!("no levels of detail: LodPlugin needs Bevy's GltfPlugin (or DefaultPlugins)");
             return;
         };
+        let sampler = app.world().get_resource::<DefaultGltfImageSampler>().filter(|_| self.mipmaps);
+        let mipmaps = sampler.map(|sampler| Mipmaps::new(sampler.get_internal()));
         let mut handlers = block_on(handlers.0.write());
-        let handler = LodHandler::new(handlers.clone(), defaults.unwrap_or_default());
+        let handler = LodHandler::new(handlers.clone(), defaults.unwrap_or_default(), mipmaps);
         handlers.push(Box::new(handler));
     }
 }

@@ -10,28 +10,23 @@
 //! wait for `SimpliguardLods::levels`, which are known once an instance has levels. `BakeMode::Blocking` holds the model
 //! back until then: the first start bakes it, later ones take the result from the cache.
 
+mod octopuses;
+
 use std::collections::VecDeque;
-use std::f32::consts::{PI, TAU};
 use std::path::PathBuf;
 use std::time::Duration;
 
 use bevy::asset::AssetMode;
 use bevy::camera::Hdr;
-use bevy::gltf::{Gltf, GltfAssetLabel};
 use bevy::light::CascadeShadowConfigBuilder;
 use bevy::prelude::*;
 use bevy::render::view::screenshot::{Screenshot, ScreenshotCaptured, save_to_disk};
 use bevy::window::PresentMode;
 use bevy_simpliguard::overlay::thousands;
-use bevy_simpliguard::{
-    BakeFailed, BakeMode, LodSettings, LodStats, OverlayPlugin, SimpliguardLods, SimpliguardPlugin,
-};
+use bevy_simpliguard::{BakeFailed, BakeMode, LodSettings, LodStats, OverlayPlugin, SimpliguardPlugin};
 use clap::Parser;
 
-const MODEL: &str = "octopus.glb";
-
-/// Distance between neighbours, roughly, in metres.
-const SPACING: f32 = 0.65;
+use octopuses::{Crowd, MODEL, Place, complete};
 
 /// What is drawn before a measurement: shaders and textures come late, and frames on their way were begun before.
 const WARM_UP: Span = Span { frames: 5, time: Duration::from_secs(5), least: 3 };
@@ -81,12 +76,13 @@ fn main() -> AppExit {
                 .set(AssetPlugin { mode: AssetMode::Processed, ..default() })
                 .set(WindowPlugin { primary_window: Some(window), ..default() }),
             OverlayPlugin::default(),
+            Crowd { count: options.count },
         ))
         .insert_resource(Measurements::new(&options))
         .insert_resource(options)
         .insert_resource(ClearColor(AIR))
-        .add_systems(Startup, (light, crowd))
-        .add_systems(Update, (animate, measure.run_if(complete), give_up))
+        .add_systems(Startup, light)
+        .add_systems(Update, (measure.run_if(complete), give_up))
         .add_observer(|_: On<ScreenshotCaptured>, mut all: ResMut<Measurements>| all.is_exposing = false)
         .run()
 }
@@ -95,12 +91,12 @@ const AIR: Color = Color::srgb(0.66, 0.80, 0.93);
 
 fn light(
     mut commands: Commands,
-    options: Res<Options>,
+    crowd: Res<Crowd>,
     mut images: ResMut<Assets<Image>>,
     mut meshes: ResMut<Assets<Mesh>>,
     mut materials: ResMut<Assets<StandardMaterial>>,
 ) {
-    let radius = radius(options.count);
+    let radius = crowd.radius();
     let sky = EnvironmentMapLight {
         intensity: 900.0,
         ..EnvironmentMapLight::hemispherical_gradient(
@@ -115,7 +111,7 @@ fn light(
         falloff: FogFalloff::Linear { start: 4.0 * radius, end: 50.0 * radius },
         ..default()
     };
-    commands.spawn((Camera3d::default(), Hdr, sky, fog, Place::Near.view(radius)));
+    commands.spawn((Camera3d::default(), Hdr, sky, fog, Place::Near.view(*crowd)));
     commands.spawn((
         DirectionalLight {
             color: Color::srgb(1.0, 0.95, 0.86),
@@ -138,82 +134,10 @@ fn light(
     ));
 }
 
-/// Radius of the crowd.
-fn radius(count: u16) -> f32 {
-    SPACING * f32::from(count).sqrt()
-}
-
-/// The crowd's clips, in one graph that all players share.
-#[derive(Resource)]
-struct Clips {
-    file: Handle<Gltf>,
-    graph: Option<(Handle<AnimationGraph>, Vec<AnimationNodeIndex>)>,
-}
-
-/// Octopuses like the seeds of a sunflower: evenly, and in no direction in rows.
-fn crowd(mut commands: Commands, server: Res<AssetServer>, options: Res<Options>) {
-    let scene: Handle<WorldAsset> = server.load(GltfAssetLabel::Scene(0).from_asset(MODEL));
-    commands.insert_resource(Clips { file: server.load(MODEL), graph: None });
-    let golden_angle = PI * (3.0 - 5.0_f32.sqrt());
-    for i in 0..options.count {
-        let i = f32::from(i);
-        let (sin, cos) = (golden_angle * i).sin_cos();
-        let place = SPACING * (i + 0.5).sqrt() * Vec3::new(cos, 0.0, sin);
-        let turn = Quat::from_rotation_y(TAU * (0.618 * i).fract());
-        commands.spawn((WorldAssetRoot(scene.clone()), Transform::from_translation(place).with_rotation(turn)));
-    }
-}
-
-/// Starts each octopus somewhere in one of its clips, so that no two move in step.
-fn animate(
-    mut commands: Commands,
-    mut clips: ResMut<Clips>,
-    files: Res<Assets<Gltf>>,
-    mut graphs: ResMut<Assets<AnimationGraph>>,
-    mut players: Query<(Entity, &mut AnimationPlayer), Without<AnimationGraphHandle>>,
-) {
-    if players.is_empty() {
-        return;
-    }
-    let Some(file) = files.get(&clips.file) else { return };
-    let (graph, nodes) = clips.graph.get_or_insert_with(|| {
-        let (graph, nodes) = AnimationGraph::from_clips(file.animations.iter().cloned());
-        (graphs.add(graph), nodes)
-    });
-    for (i, (entity, mut player)) in players.iter_mut().enumerate() {
-        player.play(nodes[i % nodes.len()]).repeat().seek_to((0.618 * i as f32).fract());
-        commands.entity(entity).insert(AnimationGraphHandle(graph.clone()));
-    }
-}
-
-/// Whether every octopus is there and has levels.
-fn complete(lods: Query<&SimpliguardLods>, options: Res<Options>) -> bool {
-    lods.iter().filter(|lods| !lods.levels.is_empty()).count() == usize::from(options.count)
-}
-
 fn give_up(mut failed: MessageReader<BakeFailed>, mut exit: MessageWriter<AppExit>) {
     if let Some(bake) = failed.read().find(|bake| bake.path.to_string() == MODEL) {
         error!("no crowd: {}", bake.error);
         exit.write(AppExit::error());
-    }
-}
-
-/// Where the crowd is seen from.
-#[derive(Clone, Copy, Debug, PartialEq)]
-enum Place {
-    Near,
-    Middle,
-    Far,
-}
-
-impl Place {
-    fn view(self, radius: f32) -> Transform {
-        let (height, distance, focus) = match self {
-            Self::Near => (1.0, radius + 1.2, radius - 3.0),
-            Self::Middle => (0.35 * radius + 1.0, 1.5 * radius + 1.0, 0.25 * radius),
-            Self::Far => (0.9 * radius + 1.0, 2.4 * radius + 2.0, 0.0),
-        };
-        Transform::from_xyz(0.0, height, distance).looking_at(Vec3::Z * focus, Vec3::Y)
     }
 }
 
@@ -267,7 +191,7 @@ impl Measurements {
 fn measure(
     mut commands: Commands,
     mut all: ResMut<Measurements>,
-    options: Res<Options>,
+    (options, crowd): (Res<Options>, Res<Crowd>),
     time: Res<Time<Real>>,
     stats: Res<LodStats>,
     mut settings: ResMut<LodSettings>,
@@ -281,7 +205,7 @@ fn measure(
         exit.write(AppExit::Success);
         return;
     };
-    camera.set_if_neq(place.view(radius(options.count)));
+    camera.set_if_neq(place.view(*crowd));
     if settings.enabled != enabled {
         settings.enabled = enabled;
     }
@@ -300,7 +224,7 @@ fn measure(
         let line = |timing: Timing| {
             format!("{} triangles: mean {:.1} ms, 95 % {:.1} ms", thousands(timing.triangles), timing.mean, timing.p95)
         };
-        println!("{name}, {} octopuses", thousands(options.count.into()));
+        println!("{name}, {} octopuses", thousands(crowd.count.into()));
         println!("  levels of detail   {}", line(with));
         println!("  source             {}", line(timing));
         println!("  {:.1} times as fast", timing.mean / with.mean);
