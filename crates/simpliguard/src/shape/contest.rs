@@ -15,7 +15,7 @@ const WITHIN_REACH: f64 = 1.6;
 /// How much larger the score of a shape gets that is twice as far from the source as the closest one, as a part of it.
 const DISTANCE_WEIGHT: f64 = 0.2;
 /// As [`DISTANCE_WEIGHT`], for a shape all of whose faces pass through others.
-const CROSSING_WEIGHT: f64 = 1.0;
+const CROSSING_WEIGHT: f64 = 0.3;
 /// Handles that a shape may have and still count as one piece.
 const FEW_HANDLES: i64 = 2;
 /// Distances below this are equal, as a fraction of the diagonal of the source's bounding box.
@@ -138,8 +138,8 @@ mod tests {
 
     #[test]
     fn of_two_tangled_shapes_the_one_with_fewer_crossing_faces_may_render_worse() {
-        assert_eq!(winner(&[shape(1.0, 1e-3, 30), shape(1.1, 1e-3, 10)]), 1.1);
-        assert_eq!(winner(&[shape(1.0, 1e-3, 30), shape(1.1, 1e-3, 25)]), 1.0);
+        assert_eq!(winner(&[shape(1.0, 1e-3, 50), shape(1.1, 1e-3, 10)]), 1.1);
+        assert_eq!(winner(&[shape(1.0, 1e-3, 50), shape(1.1, 1e-3, 40)]), 1.0);
     }
 
     #[test]
