@@ -147,6 +147,7 @@ fn make_level(shared: &Shared<'_>, number: u32, budget: u32, shape: &Shape) -> R
         let (textures, varying) = texture::maps(&mesh, &canvas.texels, &samples, &low.texels, size, channels);
         (mesh, textures, texture::level_material(&varying, alpha, low.double_sided, unlit))
     });
+    context.check(&model.name)?;
     let faces = mesh.triangles.len() as u32;
     let report = LevelReport {
         level: number,

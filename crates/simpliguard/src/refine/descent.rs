@@ -245,6 +245,7 @@ impl<'a> Descent<'a> {
             if let Some(skin) = &skin {
                 skin.move_into_all(low);
             }
+            self.context.check(self.asset)?;
             split.fit(low, self.params.texture.as_ref());
             let psnr = split.judge(low);
             tracing::trace!(step = self.step, size = split.size(), psnr, "refine");
@@ -255,6 +256,7 @@ impl<'a> Descent<'a> {
                 best.restore(low, skin.as_deref_mut());
                 self.shorten();
             }
+            self.context.check(self.asset)?;
             self.distance.find_planes(low);
         }
         best.restore(low, skin);

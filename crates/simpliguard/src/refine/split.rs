@@ -51,12 +51,13 @@ impl<'a> Split<'a> {
         }
     }
 
-    /// Mean PSNR over the views held out, on white, in dB.
+    /// Mean PSNR over the views held out, on white, in dB; over some of them if cancelled.
     pub(super) fn judge(&self, low: &LowPoly) -> f32 {
         let errors: Vec<f64> = self
             .held_out
             .par_iter()
             .zip(&self.held_out_rects)
+            .filter(|_| !self.cancellation.is_cancelled())
             .map_init(
                 || Frame::new(self.held_out[0].picture.size),
                 |frame, (view, rect)| {
