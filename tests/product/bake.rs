@@ -11,7 +11,7 @@ use simpliguard::unwrap::{Atlas, flips, overlaps};
 use simpliguard::{Baked, Context, NoResources, PIPELINE_VERSION, Source, Status, bake};
 
 /// The pipeline version and the hash of the octopus baked with [`settings`]: outputs must not change without the version.
-const GOLDEN: (&str, &str) = ("5", "c707dcb77caf894e772fab2b415db38adf8a5242e7d09513cdb81b591c443460");
+const GOLDEN: (&str, &str) = ("6", "d8f27b0ef2b565a4f0f7b86cbafe2c2da984c5a75d94a862aff622888a521242");
 
 pub(super) static OCTOPUS: LazyLock<Baked> = LazyLock::new(|| {
     let bytes = std::fs::read(concat!(env!("CARGO_MANIFEST_DIR"), "/assets/octopus.glb")).expect("in the repository");
