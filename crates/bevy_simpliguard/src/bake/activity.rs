@@ -123,6 +123,19 @@ impl Activity {
         Reading { activity: self.clone(), path: path.to_owned() }
     }
 
+    /// A processed file is being exchanged until the guard is dropped: the processor does not ask for its lock before. `None`
+    /// while the processor may be writing it.
+    pub(super) fn exchanging(self: &Arc<Self>, path: &Path, now: Instant) -> Option<Reading> {
+        let mut records = self.lock();
+        let record = records.entry(path.to_owned()).or_default();
+        let is_written = record.busy > 0 || [Lock::Claimed, Lock::Held].iter().any(|lock| record.has_lock(*lock, now));
+        if is_written {
+            return None;
+        }
+        record.readers += 1;
+        Some(Reading { activity: self.clone(), path: path.to_owned() })
+    }
+
     /// Whether the processed file at `file` is other than it was when it was last read.
     pub(super) fn is_news(&self, path: &Path, file: &Path) -> bool {
         let records = self.lock();
@@ -192,6 +205,25 @@ mod tests {
         assert!(!activity.is_free(path, soon()));
         drop(two);
         assert!(activity.is_free(path, soon()));
+    }
+
+    #[test]
+    fn a_file_is_either_exchanged_or_processed() {
+        let activity = Arc::new(Activity::default());
+        let (path, now) = (Path::new("a.glb"), Instant::now());
+        let exchanging = activity.exchanging(path, now).expect("free");
+        assert!(!activity.claim(path, now));
+        drop(exchanging);
+        assert!(activity.claim(path, now) && activity.exchanging(path, now).is_none());
+        assert!(activity.exchanging(path, now + REST).is_some(), "the processor has found nothing to do");
+        activity.held(path);
+        assert!(activity.exchanging(path, now).is_none());
+        activity.released(path);
+        assert!(activity.exchanging(path, now).is_some());
+        let processing = activity.processing(path);
+        assert!(activity.exchanging(path, now).is_none());
+        drop(processing);
+        assert!(activity.exchanging(path, now).is_some());
     }
 
     #[test]

@@ -1,8 +1,8 @@
 //! Bakes that wait and bakes that run: at most one per model, always the latest.
 
 use std::collections::VecDeque;
-use std::path::Path;
-use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
+use std::path::PathBuf;
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 use std::{fs, io, thread};
 
@@ -12,6 +12,7 @@ use bytes::Bytes;
 use simpliguard::Cancellation;
 use simpliguard_cache::{Durability, Key, write_atomic_through};
 
+use super::activity::Activity;
 use super::baker::Order;
 
 /// Time between two looks for a missing file.
@@ -69,6 +70,17 @@ pub(super) struct Taken {
     pub(super) cancellation: Cancellation,
     /// The result was brought where it belonged.
     delivered: bool,
+}
+
+/// Where a result belongs.
+#[derive(Debug)]
+pub(super) struct Place {
+    /// The model's processed file.
+    pub(super) file: PathBuf,
+    /// A folder on its file system.
+    pub(super) scratch: PathBuf,
+    /// Who reads and writes it.
+    pub(super) activity: Arc<Activity>,
 }
 
 /// What became of a result.
@@ -222,14 +234,14 @@ impl Queue {
         self.changed.notify_all();
     }
 
-    /// Brings a result where it belongs. `file` is the model's processed file, `scratch` a folder on its file system.
-    pub(super) fn deliver(&self, taken: &mut Taken, glb: Bytes, file: &Path, scratch: &Path) -> io::Result<Delivery> {
+    /// Brings a result where it belongs.
+    pub(super) fn deliver(&self, taken: &mut Taken, glb: Bytes, place: &Place) -> io::Result<Delivery> {
         if let Goal::Answer(answer) = &taken.job.goal {
             let sent = answer.try_send(glb);
             return Ok(if sent.is_ok() { Delivery::Done } else { Delivery::Superseded });
         }
         for _ in 0..EXCHANGE_TRIES {
-            match self.exchange(&taken.job.order, &glb, true, file, scratch)? {
+            match self.exchange(&taken.job.order, &glb, true, place)? {
                 Some(Delivery::Superseded) => return Ok(Delivery::Superseded),
                 Some(delivery) => {
                     taken.delivered = true;
@@ -243,24 +255,20 @@ impl Queue {
     }
 
     /// Puts levels in the model's place until the result is there. Returns whether they were.
-    pub(super) fn show(&self, taken: &Taken, glb: &[u8], file: &Path, scratch: &Path) -> io::Result<bool> {
-        Ok(self.exchange(&taken.job.order, glb, false, file, scratch)? == Some(Delivery::Done))
+    pub(super) fn show(&self, taken: &Taken, glb: &[u8], place: &Place) -> io::Result<bool> {
+        Ok(self.exchange(&taken.job.order, glb, false, place)? == Some(Delivery::Done))
     }
 
     /// Exchanges a processed file that is as the processor, or the last exchange, has left it; `None` if it is not.
-    fn exchange(
-        &self,
-        order: &Order,
-        glb: &[u8],
-        is_result: bool,
-        file: &Path,
-        scratch: &Path,
-    ) -> io::Result<Option<Delivery>> {
+    fn exchange(&self, order: &Order, glb: &[u8], is_result: bool, place: &Place) -> io::Result<Option<Delivery>> {
+        let Place { file, scratch, activity } = place;
         let ours = blake3::hash(glb);
         let mut state = self.lock();
         let Some(wish) = state.wishes.get_mut(&order.path).filter(|wish| wish.key == order.key) else {
             return Ok(Some(Delivery::Superseded));
         };
+        // What the processor writes into a file that is exchanged meanwhile would be lost.
+        let Some(_exchanging) = activity.exchanging(order.path.path(), Instant::now()) else { return Ok(None) };
         let there = fs::read(file).map(|bytes| blake3::hash(&bytes)).ok();
         let delivery = match there {
             Some(there) if there == ours => Delivery::WasThere,
@@ -314,8 +322,6 @@ impl State {
 
 #[cfg(test)]
 mod tests {
-    use std::path::PathBuf;
-
     use simpliguard::settings::BakeSettings;
     use simpliguard_cache::KeyBuilder;
 
@@ -330,15 +336,22 @@ mod tests {
         Job::in_background(order(path, version), blake3::hash(b"source"))
     }
 
-    /// A folder with a model that was passed through, and its job, taken.
-    fn passed_through() -> (tempfile::TempDir, PathBuf, Queue, Taken) {
+    /// A folder with a processed file.
+    fn place(content: &str) -> (tempfile::TempDir, Place) {
         let dir = tempfile::tempdir().expect("tempdir");
         let file = dir.path().join("a.glb");
-        fs::write(&file, "source").expect("writes");
+        fs::write(&file, content).expect("writes");
+        let place = Place { file, scratch: dir.path().to_owned(), activity: Arc::default() };
+        (dir, place)
+    }
+
+    /// A folder with a model that was passed through, and its job, taken.
+    fn passed_through() -> (tempfile::TempDir, Place, Queue, Taken) {
+        let (dir, place) = place("source");
         let queue = Queue::default();
         queue.push(job("a.glb", "1"));
         let taken = queue.take().expect("a job");
-        (dir, file, queue, taken)
+        (dir, place, queue, taken)
     }
 
     #[test]
@@ -358,18 +371,18 @@ mod tests {
 
     #[test]
     fn a_model_that_is_processed_again_unchanged_is_not_baked_again() {
-        let (dir, file, queue, mut taken) = passed_through();
+        let (_dir, place, queue, mut taken) = passed_through();
         queue.push(job("a.glb", "1"));
         assert!(queue.lock().waiting.is_empty() && !taken.cancellation.is_cancelled());
         let levels = || Bytes::from_static(b"levels");
-        let delivery = queue.deliver(&mut taken, levels(), &file, dir.path());
+        let delivery = queue.deliver(&mut taken, levels(), &place);
         assert_eq!(delivery.expect("exchanges"), Delivery::Done);
         // The processor writes the model over the levels before the worker has ended.
-        fs::write(&file, "source").expect("writes");
+        fs::write(&place.file, "source").expect("writes");
         queue.push(job("a.glb", "1"));
         queue.release(taken);
         let mut again = queue.take().expect("a job");
-        assert_eq!(queue.deliver(&mut again, levels(), &file, dir.path()).expect("exchanges"), Delivery::Done);
+        assert_eq!(queue.deliver(&mut again, levels(), &place).expect("exchanges"), Delivery::Done);
         queue.release(again);
         assert!(queue.lock().waiting.is_empty());
     }
@@ -389,54 +402,63 @@ mod tests {
 
     #[test]
     fn a_result_is_exchanged_only_for_what_was_passed_through() {
-        let (dir, file, queue, mut taken) = passed_through();
-        let mut deliver =
-            |bytes: &'static [u8]| queue.deliver(&mut taken, Bytes::from_static(bytes), &file, dir.path());
+        let (_dir, place, queue, mut taken) = passed_through();
+        let mut deliver = |bytes: &'static [u8]| queue.deliver(&mut taken, Bytes::from_static(bytes), &place);
         assert_eq!(deliver(b"levels").expect("exchanges"), Delivery::Done);
-        assert_eq!(fs::read(&file).expect("reads"), b"levels");
+        assert_eq!(fs::read(&place.file).expect("reads"), b"levels");
         assert_eq!(deliver(b"levels").expect("is there"), Delivery::WasThere);
         queue.push(job("a.glb", "2"));
         assert_eq!(deliver(b"old levels").expect("no error"), Delivery::Superseded);
         queue.forget(&"a.glb".into());
         assert_eq!(deliver(b"old levels").expect("no error"), Delivery::Superseded);
-        assert_eq!(fs::read(&file).expect("reads"), b"levels");
+        assert_eq!(fs::read(&place.file).expect("reads"), b"levels");
     }
 
     #[test]
     fn what_is_shown_gives_way_to_the_result() {
-        let (dir, file, queue, mut taken) = passed_through();
-        assert!(queue.show(&taken, b"preview", &file, dir.path()).expect("exchanges"));
-        assert_eq!(fs::read(&file).expect("reads"), b"preview");
+        let (_dir, place, queue, mut taken) = passed_through();
+        assert!(queue.show(&taken, b"preview", &place).expect("exchanges"));
+        assert_eq!(fs::read(&place.file).expect("reads"), b"preview");
         assert!(!queue.lock().wishes[&AssetPath::from("a.glb")].met, "the result is still to come");
-        let delivery = queue.deliver(&mut taken, Bytes::from_static(b"levels"), &file, dir.path());
+        let delivery = queue.deliver(&mut taken, Bytes::from_static(b"levels"), &place);
         assert_eq!(delivery.expect("exchanges"), Delivery::Done);
-        assert_eq!(fs::read(&file).expect("reads"), b"levels");
+        assert_eq!(fs::read(&place.file).expect("reads"), b"levels");
         // Nothing is shown of an outdated bake, nor while the processor writes.
         queue.push(job("a.glb", "2"));
-        assert!(!queue.show(&taken, b"preview", &file, dir.path()).expect("no error"));
+        assert!(!queue.show(&taken, b"preview", &place).expect("no error"));
         queue.release(taken);
         let taken = queue.take().expect("a job");
-        fs::write(&file, "sou").expect("writes");
-        assert!(!queue.show(&taken, b"preview", &file, dir.path()).expect("no error"));
-        assert_eq!(fs::read(&file).expect("reads"), b"sou");
+        fs::write(&place.file, "sou").expect("writes");
+        assert!(!queue.show(&taken, b"preview", &place).expect("no error"));
+        assert_eq!(fs::read(&place.file).expect("reads"), b"sou");
     }
 
     #[test]
     fn an_exchange_waits_for_the_processor_to_write() {
-        let dir = tempfile::tempdir().expect("tempdir");
-        let file = dir.path().join("a.glb");
-        fs::write(&file, "sou").expect("writes");
+        let (_dir, place) = place("sou");
         let queue = Queue::default();
         queue.push(job("a.glb", "1"));
         let mut taken = queue.take().expect("a job");
         thread::scope(|scope| {
-            let exchange = scope.spawn(|| queue.deliver(&mut taken, Bytes::from_static(b"levels"), &file, dir.path()));
+            let exchange = scope.spawn(|| queue.deliver(&mut taken, Bytes::from_static(b"levels"), &place));
             thread::sleep(EXCHANGE_PAUSE * 2);
-            assert_eq!(fs::read(&file).expect("reads"), b"sou");
-            fs::write(&file, "source").expect("writes");
+            assert_eq!(fs::read(&place.file).expect("reads"), b"sou");
+            fs::write(&place.file, "source").expect("writes");
             assert_eq!(exchange.join().expect("no panic").expect("exchanges"), Delivery::Done);
         });
-        assert_eq!(fs::read(&file).expect("reads"), b"levels");
+        assert_eq!(fs::read(&place.file).expect("reads"), b"levels");
+    }
+
+    #[test]
+    fn an_exchange_waits_for_the_processor_to_be_done_with_the_file() {
+        let (_dir, place, queue, mut taken) = passed_through();
+        let path = std::path::Path::new("a.glb");
+        let processing = place.activity.processing(path);
+        assert!(!queue.show(&taken, b"preview", &place).expect("no error"));
+        assert_eq!(fs::read(&place.file).expect("reads"), b"source");
+        drop(processing);
+        let delivery = queue.deliver(&mut taken, Bytes::from_static(b"levels"), &place);
+        assert_eq!(delivery.expect("exchanges"), Delivery::Done);
     }
 
     #[test]
@@ -446,7 +468,8 @@ mod tests {
         queue.push(awaited);
         let mut taken = queue.take().expect("a job");
         let glb = Bytes::from_static(b"levels");
-        let delivery = queue.deliver(&mut taken, glb.clone(), Path::new("none"), Path::new("none"));
+        let (_dir, place) = place("source");
+        let delivery = queue.deliver(&mut taken, glb.clone(), &place);
         assert_eq!((delivery.expect("sends"), answer.recv_blocking()), (Delivery::Done, Ok(glb)));
         queue.release(taken);
         let (awaited, answer) = Job::awaited(order("b.glb", "1"));

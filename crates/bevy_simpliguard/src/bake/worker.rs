@@ -15,7 +15,7 @@ use thread_priority::{ThreadPriority, ThreadPriorityValue};
 use super::baker::{Baker, Order};
 use super::events::{BakeFinished, BakeProgress, BakeStarted, Event};
 use super::input::{Files, SourceFiles};
-use super::queue::{Delivery, Taken};
+use super::queue::{Delivery, Place, Taken};
 use crate::BakePriority;
 
 /// Threads that share a bake before a second one runs beside it: each holds a model and its levels in memory.
@@ -116,10 +116,8 @@ impl Worker {
         taken.job.missing = files.missing(&path);
         let (result, duration) = self.find_or_bake(&files, taken)?;
         let BakeResult { combined, report, .. } = result;
-        let journal = &self.baker.journal;
-        let delivered = journal.scratch().and_then(|scratch| {
-            self.baker.queue.deliver(taken, combined.into(), &journal.processed_file(&path), &scratch)
-        });
+        let place = self.place_of(&path);
+        let delivered = place.and_then(|place| self.baker.queue.deliver(taken, combined.into(), &place));
         match delivered {
             Ok(Delivery::Done) => self.exchanged(&path),
             Ok(Delivery::WasThere) => {}
@@ -132,6 +130,11 @@ impl Worker {
         }
         info!("{}", summary(&path, &report, duration));
         Ok(BakeFinished { path, report, duration })
+    }
+
+    fn place_of(&self, path: &AssetPath<'static>) -> io::Result<Place> {
+        let Baker { journal, activity, .. } = &*self.baker;
+        Ok(Place { file: journal.processed_file(path), scratch: journal.scratch()?, activity: activity.clone() })
     }
 
     /// A processed file has other levels.
@@ -200,10 +203,9 @@ struct Preview<'a> {
 
 impl PreviewSink for Preview<'_> {
     fn show(&self, glb: Vec<u8>) {
-        let (baker, path) = (&self.worker.baker, &self.taken.job.order.path);
-        let file = baker.journal.processed_file(path);
-        match baker.journal.scratch().and_then(|scratch| baker.queue.show(self.taken, &glb, &file, &scratch)) {
-            Ok(true) => self.worker.exchanged(path),
+        let (worker, path) = (self.worker, &self.taken.job.order.path);
+        match worker.place_of(path).and_then(|place| worker.baker.queue.show(self.taken, &glb, &place)) {
+            Ok(true) => worker.exchanged(path),
             Ok(false) => {}
             Err(error) => debug!("{path}: no preview: {error}"),
         }
