@@ -37,10 +37,10 @@ struct Row {
 /// Replaces the texture of `low` by the one that fits `views` best, starting from the present one. `rects` are the
 /// pixels that the source covers in each view.
 ///
-/// With a `trust`, a pixel counts by how well it agrees with a first, smoother solution of half the size (one step of iteratively reweighted
-/// least squares, with Cauchy weights of this scale): a view that shows another part of the source than the level does,
-/// along its inner outlines, leaves no specks. The one at full size begins with what that one
-/// changed (nested iteration).
+/// With a `trust`, a pixel counts by how well it agrees with a first, smoother solution of half the size (one step of
+/// iteratively reweighted least squares, with Cauchy weights of this scale): a view that shows another part of the source
+/// than the level does, along its inner outlines, leaves no specks. What the first solution changes is where the one at full
+/// size begins (nested iteration).
 pub fn solve_texture(
     low: &mut LowPoly,
     views: &[&View],
