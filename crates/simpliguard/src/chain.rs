@@ -1,6 +1,5 @@
 //! The chain of stages, and the one function that runs it.
 
-use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use crate::clock::Clock;
@@ -9,8 +8,9 @@ use crate::level::{self, Shared};
 use crate::mesh::{Topology, TriMesh, self_intersecting};
 use crate::model::{Level, Model, SMALLEST_EXTENT};
 use crate::objects::{content_key, descent_key, shapes_key};
+use crate::pictures::{Photographer, posed_views};
 use crate::refine::Refined;
-use crate::render::{Frame, SurfaceSampler, View, take_posed_views, take_views, viewpoints};
+use crate::render::{Frame, SurfaceSampler};
 use crate::rig::{self, Donor, Poses};
 use crate::settings::{BakeSettings, ExistingLods, JointPlanes, MorphTargets};
 use crate::shape::{self, Deviation, Shape};
@@ -253,16 +253,16 @@ fn make_levels(
     let hash = content_hash(source.bytes);
     let seed = hash.as_bytes()[..8].iter().fold(0u64, |seed, &byte| seed << 8 | u64::from(byte));
     let sampler = SurfaceSampler::new(model);
-    let poses = Poses::of(model, settings.poses as usize, posed_views(settings), &context.cancellation);
+    let poses = Poses::of(model, settings.poses as usize, posed_views(settings.views), &context.cancellation);
     context.check(&model.name)?;
+    let photographer = Photographer { sampler: &sampler, frame, poses: poses.as_ref(), seed, settings, context };
     let ((bvh, solid), views) = rayon::join(
         || {
             clock
                 .time(StageId::Shape, || (Bvh::new(&surface.positions, &surface.triangles), shape::Solid::of(&sampler)))
         },
-        || clock.time(StageId::Refine, || views_of(&sampler, &frame, poses.as_ref(), seed, settings, context)),
+        || clock.time(StageId::Refine, || photographer.views()),
     );
-    let halves = clock.time(StageId::Refine, || halves_of(&views, settings));
     context.check(&model.name)?;
     context.report(StageId::Shape, None, 0.15);
     let donor = Donor::new(model, &bvh);
@@ -288,10 +288,18 @@ fn make_levels(
     let params = shape::Params { joint_planes: planes.clone(), ..shape::Params::new(settings, &budgets) };
     let content = context.key(|| content_key(source, model));
     let preview = context.preview.filter(|_| shape::is_known(&inputs, &params, context));
-    let shapes = clock.time(StageId::Shape, || {
+    let find_shapes = || {
         let key = content.map(|content| shapes_key(&content, settings));
-        context.stored(key, || shape::shape(&inputs, &params, context))
-    })?;
+        clock.time(StageId::Shape, || context.stored(key, || shape::shape(&inputs, &params, context)))
+    };
+    let is_descended = |budget: &u32| content.is_some_and(|c| context.knows(&descent_key(&c, settings, *budget)));
+    let take_halves = || {
+        let wanted = !budgets.iter().all(is_descended);
+        wanted.then(|| clock.time(StageId::Refine, || photographer.halves(&views)))
+    };
+    // The shapes leave threads idle, but what is shown before the vertices are moved should not wait for these views.
+    let (shapes, halves) = rayon::join(find_shapes, || preview.is_none().then(take_halves).flatten());
+    let shapes = shapes?;
     let deviations: Vec<Deviation> = shapes.iter().map(|s| s.deviation).collect();
     context.report(StageId::Unwrap, None, level::LEVELS_BEGIN);
     let shared = Shared {
@@ -302,7 +310,8 @@ fn make_levels(
         gauge: &gauge,
         frame,
         views: &views,
-        halves: &halves,
+        photographer: &photographer,
+        halves: None,
         poses: poses.as_ref(),
         planes: &planes,
         seed,
@@ -313,20 +322,18 @@ fn make_levels(
     };
     let (chosen, unmet) = targets.choose(&budgets, &deviations);
     let wanted: Vec<(u32, &Shape)> = chosen.iter().map(|&c| (budgets[c], &shapes[c])).collect();
-    if let Some(sink) = preview {
+    if let Some(sink) = preview.filter(|_| !wanted.iter().all(|(budget, _)| is_descended(budget))) {
         show_preview(&shared, &wanted, sink)?;
     }
-    let (levels, reports) = level::make_levels(&shared, &wanted)?;
+    let halves = halves.or_else(take_halves);
+    let (levels, reports) = level::make_levels(&Shared { halves: halves.as_deref(), ..shared }, &wanted)?;
     Ok(Made { levels, reports, unmet })
 }
 
-/// Shows levels that are not refined, unless the others are as good as there.
+/// Shows levels that are not refined, if the others will be.
 fn show_preview(shared: &Shared<'_>, wanted: &[(u32, &Shape)], sink: &dyn PreviewSink) -> Result<(), Error> {
     let Shared { model, settings, context, clock, .. } = *shared;
-    let is_descended = |&(budget, _): &(u32, &Shape)| {
-        shared.content.is_some_and(|content| context.knows(&descent_key(&content, settings, budget)))
-    };
-    if !settings.refine || settings.refine_steps == 0 || wanted.iter().all(is_descended) {
+    if !settings.refine || settings.refine_steps == 0 {
         return Ok(());
     }
     let quick = BakeSettings { refine: false, ..settings.clone() };
@@ -336,48 +343,6 @@ fn show_preview(shared: &Shared<'_>, wanted: &[(u32, &Shape)], sink: &dyn Previe
     let options = export_options(settings);
     sink.show(clock.time(StageId::Export, || gltf::export_in(model, &levels, &options, &silent))?);
     Ok(())
-}
-
-/// Half as many views as at rest are taken in other poses, each in a pose of its own if there are so many.
-fn posed_views(settings: &BakeSettings) -> usize {
-    settings.views as usize / 2
-}
-
-/// The source in the rest pose and in its other poses; fewer views if cancelled.
-fn views_of(
-    sampler: &SurfaceSampler<'_>,
-    frame: &Frame,
-    poses: Option<&Poses<'_>>,
-    seed: u64,
-    settings: &BakeSettings,
-    context: &Context<'_>,
-) -> Vec<View> {
-    let (count, size) = (settings.views as usize, settings.view_size as usize);
-    // A few at a time, so that a bake that nobody wants any more ends soon.
-    let few = 2 * rayon::current_num_threads();
-    let wanted = || !context.cancellation.is_cancelled();
-    let cameras = viewpoints(frame, count, seed);
-    let taken = cameras.chunks(few).take_while(|_| wanted()).flat_map(|cameras| take_views(sampler, cameras, size));
-    let mut views: Vec<View> = taken.collect();
-    let Some(poses) = poses else { return views };
-    let count = posed_views(settings);
-    let posed = (0..poses.all()).into_par_iter().filter(|_| wanted()).flat_map(|pose| {
-        let positions = poses.source_in(pose);
-        let all = viewpoints(&Frame::around(&positions), count, seed.wrapping_add(1));
-        let own: Vec<_> = all.into_iter().skip(pose).step_by(poses.all()).collect();
-        take_posed_views(sampler, &positions, pose, &own, size)
-    });
-    views.par_extend(posed);
-    views
-}
-
-/// The views at half the size, if vertices are moved by them and their size is even.
-fn halves_of(views: &[View], settings: &BakeSettings) -> Vec<View> {
-    if !settings.refine || settings.coarse_steps * (settings.refine_steps as f32) < 1.0 {
-        return Vec::new();
-    }
-    let halves: Option<Vec<View>> = views.par_iter().map(View::halved).collect();
-    halves.unwrap_or_default()
 }
 
 /// What is said of morph targets that levels leave out.

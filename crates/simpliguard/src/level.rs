@@ -10,6 +10,7 @@ use crate::clock::Clock;
 use crate::mesh::TriMesh;
 use crate::model::{Influences, Level, Model, linear_to_srgb};
 use crate::objects::{atlas_key, descent_key};
+use crate::pictures::Photographer;
 use crate::refine::{self, LowPoly, Refined, Skin, Solver, TextureDescent, TextureFit};
 use crate::render::{Frame, Motions, SurfaceSample, SurfaceSampler, View};
 use crate::rig::{self, Donor, Poses, Split, StandIns, Transfer};
@@ -23,8 +24,6 @@ use crate::{Bvh, Context, Error, Key, Progress, ProgressSink, StageId};
 pub(crate) const LEVELS_BEGIN: f32 = 0.4;
 /// Largest texture during descent: a view resolves no more, and the last solution is at full size.
 const FITTED_SIZE: usize = 512;
-/// Most faces of a level that takes its first steps at half size: the edges of others are but a few pixels long there.
-const COARSE_FACES: u32 = 2000;
 /// Difference of colours at which a pixel counts half in the last solution.
 const TRUST: f32 = 0.3;
 /// Encoded grey of a texture that has not been made.
@@ -40,8 +39,9 @@ pub(crate) struct Shared<'a> {
     pub(crate) gauge: &'a Gauge<'a>,
     pub(crate) frame: Frame,
     pub(crate) views: &'a [View],
-    /// The same at half the size, or none.
-    pub(crate) halves: &'a [View],
+    pub(crate) photographer: &'a Photographer<'a>,
+    /// Its views at half the size, unless no level is expected to need them.
+    pub(crate) halves: Option<&'a [View]>,
     pub(crate) poses: Option<&'a Poses<'a>>,
     pub(crate) planes: &'a JointPlanes,
     pub(crate) seed: u64,
@@ -223,7 +223,7 @@ fn fit(
     context.report(StageId::Refine, Some(number as usize), 0.5);
     let params = refine::Params {
         steps: settings.refine_steps,
-        coarse: if budget <= COARSE_FACES { settings.coarse_steps } else { 0.0 },
+        coarse: settings.coarse_steps,
         step_length: settings.step_length,
         texture,
         gradient_weight: settings.gradient_weight,
@@ -238,9 +238,10 @@ fn fit(
             let mut low = low.clone();
             let poses = shared.poses.filter(|_| settings.refine_weights);
             let mut skin = poses.map(|poses| Skin::new(poses, influences.clone()));
+            let own = shared.halves.is_none().then(|| shared.photographer.halves(shared.views));
             let target = refine::Target {
                 views: shared.views,
-                halves: shared.halves,
+                halves: shared.halves.or(own.as_deref()).unwrap_or_default(),
                 bvh: shared.bvh,
                 radius: shared.frame.radius,
             };

@@ -22,6 +22,7 @@ mod level;
 pub mod mesh;
 pub mod model;
 mod objects;
+mod pictures;
 pub mod reconstruct;
 pub mod refine;
 pub mod render;

@@ -18,11 +18,6 @@ impl Adam {
         Self { mean: vec![0.0; len], square: vec![0.0; len], beta1: 1.0, beta2: 1.0 }
     }
 
-    /// Forgets all gradients.
-    pub(super) fn reset(&mut self) {
-        *self = Self::new(self.mean.len());
-    }
-
     /// Moves `x` against `gradient` by about `rate` in each coordinate.
     pub(super) fn step(&mut self, x: &mut [f32], gradient: &[f32], rate: f32) {
         self.beta1 *= BETA1;

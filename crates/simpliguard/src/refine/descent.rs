@@ -21,13 +21,13 @@ use crate::{Bvh, Cancellation, Context, Error};
 /// Views a step.
 pub(super) const BATCH: usize = 2;
 /// Steps between two fits of the texture.
-const FIT_EVERY: u32 = 50;
+const FIT_EVERY: u32 = 25;
+/// Most views of half size that the texture is fitted to.
+const COARSE_FIT_VIEWS: usize = 40;
 /// First step of a skin weight.
 const WEIGHT_RATE: f32 = 0.01;
-/// Factor on the step length from step to step.
-const DECAY: f32 = 0.992;
-/// Factor on the step length after steps that gained nothing.
-const BACKTRACK: f32 = 0.3;
+/// Length of the last step as a part of the first; those between fall exponentially.
+const LAST_STEP: f32 = 0.03;
 
 /// How to refine.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -36,7 +36,7 @@ pub struct Params {
     pub steps: u32,
     /// Part of them that is taken at half size.
     pub coarse: f32,
-    /// First step length as a part of the mean edge.
+    /// Length of the first step as a part of the mean edge.
     pub step_length: f32,
     /// How the texture is fitted; `None` leaves it as it is.
     pub texture: Option<TextureFit>,
@@ -170,6 +170,8 @@ struct Descent<'a> {
     /// Step lengths of vertices and of skin weights.
     rate: f32,
     weight_rate: f32,
+    /// Factor on both from step to step.
+    decay: f32,
     step: u32,
 }
 
@@ -189,6 +191,7 @@ impl<'a> Descent<'a> {
             weight_adam: Adam::new(4 * vertices),
             rate: params.step_length * edge,
             weight_rate: WEIGHT_RATE,
+            decay: libm::powf(LAST_STEP, 1.0 / params.steps.max(1) as f32),
             step: 0,
         }
     }
@@ -206,7 +209,7 @@ impl<'a> Descent<'a> {
         let coarse = if halves.is_empty() { 0 } else { (self.params.coarse * self.params.steps as f32) as u32 };
         if coarse > 0 {
             let mut half = low.halved();
-            let split_half = Split::new(halves, &self.context.cancellation);
+            let split_half = Split::new(halves, &self.context.cancellation).fitting_texture_to(COARSE_FIT_VIEWS);
             split_half.fit(&mut half, self.params.texture.as_ref());
             let psnr = split_half.judge(&half);
             self.descend(&mut half, skin.as_deref_mut(), &split_half, coarse, psnr)?;
@@ -251,10 +254,6 @@ impl<'a> Descent<'a> {
             tracing::trace!(step = self.step, size = split.size(), psnr, "refine");
             if psnr > best.psnr {
                 best = Best::new(psnr, low, skin.as_deref());
-            } else {
-                // Too long a stride: from the best iterate on with shorter ones.
-                best.restore(low, skin.as_deref_mut());
-                self.shorten();
             }
             self.context.check(self.asset)?;
             self.distance.find_planes(low);
@@ -301,16 +300,8 @@ impl<'a> Descent<'a> {
         self.structure.add_gradient(&low.positions, &mut gradient);
         self.distance.add_gradient(low, &mut gradient);
         self.adam.step(bytemuck::cast_slice_mut(&mut low.positions), bytemuck::cast_slice(&gradient), self.rate);
-        self.rate *= DECAY;
-        self.weight_rate *= DECAY;
-    }
-
-    /// Goes on with shorter strides in directions not known yet.
-    fn shorten(&mut self) {
-        self.adam.reset();
-        self.weight_adam.reset();
-        self.rate *= BACKTRACK;
-        self.weight_rate *= BACKTRACK;
+        self.rate *= self.decay;
+        self.weight_rate *= self.decay;
     }
 }
 

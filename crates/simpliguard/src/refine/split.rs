@@ -17,6 +17,8 @@ pub(super) struct Split<'a> {
     pub(super) fitted_rects: Vec<Rect>,
     held_out: Vec<&'a View>,
     held_out_rects: Vec<Rect>,
+    /// The texture is fitted to one fitted view in so many.
+    texture_stride: usize,
     cancellation: &'a Cancellation,
 }
 
@@ -29,7 +31,12 @@ impl<'a> Split<'a> {
         let (fitted, held_out) = (pick(false), pick(true));
         let rects = |views: &[&View]| views.iter().map(|v| covered_rect(&v.picture)).collect();
         let (fitted_rects, held_out_rects) = (rects(&fitted), rects(&held_out));
-        Self { fitted, fitted_rects, held_out, held_out_rects, cancellation }
+        Self { fitted, fitted_rects, held_out, held_out_rects, texture_stride: 1, cancellation }
+    }
+
+    /// Fits the texture to at most `most` of the views, spread over them.
+    pub(super) fn fitting_texture_to(self, most: usize) -> Self {
+        Self { texture_stride: self.fitted.len().div_ceil(most).max(1), ..self }
     }
 
     /// Side of the pictures.
@@ -40,7 +47,9 @@ impl<'a> Split<'a> {
     /// Fits the texture, if it is to be.
     pub(super) fn fit(&self, low: &mut LowPoly, fit: Option<&TextureFit>) {
         let Some(&TextureFit { smoothness, trust, solver }) = fit else { return };
-        let (views, rects) = (&self.fitted, &self.fitted_rects);
+        let views: Vec<&View> = self.fitted.iter().copied().step_by(self.texture_stride).collect();
+        let rects: Vec<Rect> = self.fitted_rects.iter().copied().step_by(self.texture_stride).collect();
+        let (views, rects) = (&views, &rects);
         match solver {
             Solver::LeastSquares => {
                 solve_texture(low, views, rects, smoothness, trust, self.cancellation);

@@ -105,7 +105,11 @@ impl<'a> Renderer<'a> {
 
     fn blend(&mut self, clip: &[Vec4], camera: &Camera, light: Light) {
         let model = self.sampler.model();
+        if model.materials.iter().all(|m| m.alpha_mode != AlphaMode::Blend) {
+            return;
+        }
         let size = self.raster.size;
+        let pixels = self.raster.place(clip);
         let mut shader = Shader::new(self.sampler, clip, size, camera, light);
         let colors = &mut self.colors;
         for (t, triangle) in model.surface.triangles.iter().enumerate() {
@@ -113,7 +117,8 @@ impl<'a> Renderer<'a> {
             if material.alpha_mode != AlphaMode::Blend {
                 continue;
             }
-            self.raster.draw_tested(clip, t, triangle, material.double_sided, |i, x, y| {
+            let corners = triangle.map(|v| pixels[v as usize]);
+            self.raster.draw_tested(t, corners, material.double_sided, |i, x, y| {
                 let color = shader.shade(t, x, y);
                 let over = (color.xyz() * color.w).extend(color.w);
                 colors[i] = over + colors[i] * (1.0 - color.w);
@@ -151,16 +156,16 @@ pub(crate) fn draw_solid(sampler: &SurfaceSampler<'_>, raster: &mut Raster, clip
     }
     let mut shader: Option<Shader<'_, '_>> = None;
     let camera = Camera { view_projection: glam::Mat4::IDENTITY, eye: Vec3::ZERO };
+    let pixels = raster.place(clip);
     for (t, triangle) in model.surface.triangles.iter().enumerate() {
         let material = sampler.material(t);
+        let corners = triangle.map(|v| pixels[v as usize]);
         match material.alpha_mode {
             AlphaMode::Blend => {}
-            AlphaMode::Opaque => raster.draw_tested(clip, t, triangle, material.double_sided, |_, _, _| true),
+            AlphaMode::Opaque => raster.draw_tested(t, corners, material.double_sided, |_, _, _| true),
             AlphaMode::Mask { cutoff } => {
                 let shader = shader.get_or_insert_with(|| Shader::new(sampler, clip, size, &camera, Light::None));
-                raster.draw_tested(clip, t, triangle, material.double_sided, |_, x, y| {
-                    shader.base_color(t, x, y).w >= cutoff
-                });
+                raster.draw_tested(t, corners, material.double_sided, |_, x, y| shader.base_color(t, x, y).w >= cutoff);
             }
         }
     }

@@ -100,7 +100,7 @@ impl Raster {
 
     /// Draws opaque triangles; back faces only where `double_sided(t)`.
     pub fn draw(&mut self, clip: &[Vec4], triangles: &[[u32; 3]], double_sided: impl Fn(usize) -> bool) {
-        let pixels: Vec<Vec3> = clip.iter().map(|c| self.in_front(*c)).collect();
+        let pixels = self.place(clip);
         for (t, triangle) in triangles.iter().enumerate() {
             let corners = triangle.map(|v| pixels[v as usize]);
             // Most triangles of a dense mesh lie between pixels.
@@ -113,17 +113,25 @@ impl Raster {
         }
     }
 
-    /// Draws one triangle, offering each of its pixels that passes the depth test to `visit(buffer index, x, y)`.
+    /// Where corners lie in pixels, for [`Raster::draw_tested`]; not numbers behind the camera.
+    pub(crate) fn place(&self, clip: &[Vec4]) -> Vec<Vec3> {
+        let place = |&c: &Vec4| if c.w > 0.0 { to_pixels(c, self.size) } else { Vec3::NAN };
+        clip.iter().map(place).collect()
+    }
+
+    /// Draws triangle `t`, offering each of its pixels that passes the depth test to `visit(buffer index, x, y)`.
     /// Where that returns true, the pixel's id and depth are replaced.
-    pub fn draw_tested(
+    pub(crate) fn draw_tested(
         &mut self,
-        clip: &[Vec4],
         t: usize,
-        triangle: &[u32; 3],
+        corners: [Vec3; 3],
         double_sided: bool,
         mut visit: impl FnMut(usize, usize, usize) -> bool,
     ) {
-        let Some(setup) = set_up(triangle.map(|v| self.in_front(clip[v as usize])), || double_sided) else { return };
+        if !may_cover(&corners, self.size) {
+            return;
+        }
+        let Some(setup) = set_up(corners, || double_sided) else { return };
         let size = self.size;
         scan(&setup.corners, size, |y, x0, x1| {
             for x in x0..x1 {
@@ -135,11 +143,6 @@ impl Raster {
                 }
             }
         });
-    }
-
-    /// A corner in pixels; not a number behind the camera.
-    fn in_front(&self, clip: Vec4) -> Vec3 {
-        if clip.w > 0.0 { to_pixels(clip, self.size) } else { Vec3::NAN }
     }
 
     #[inline]

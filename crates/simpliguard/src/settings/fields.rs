@@ -362,10 +362,11 @@ settings! {
     /// Whether differentiable rendering fits texture and vertices to the views; if not, both stay as they were made.
     refine: bool = always(true), Limit::None, [Refine];
     /// Number of optimisation steps by differentiable rendering; 0 leaves the vertices where they are.
-    refine_steps: u32 = by_quality(0, 140, 350), Limit::Between(0.0, 2000.0), [Refine];
-    /// Part of the steps, the first ones, that compare pictures of half the size, in levels of at most 2,000 faces: they cost a
-    /// quarter.
-    coarse_steps: f32 = always(0.65), Limit::Between(0.0, 1.0), [Refine];
+    refine_steps: u32 = by_quality(0, 300, 600), Limit::Between(0.0, 2000.0), [Refine];
+    /// Part of the steps, the first ones, that compare pictures of half the size: they cost a quarter.
+    coarse_steps: f32 = always(0.9), Limit::Between(0.0, 1.0), [Refine];
+    /// Number of views that these steps have besides those at full size: the more, the better vertices suit others.
+    coarse_views: u32 = by_quality(0, 96, 96), Limit::Between(0.0, 256.0), [Refine];
     /// Whether joint weights are fitted to the poses: over the faces between vertices first, and then together with the
     /// vertices.
     refine_weights: bool = always(true), Limit::None, [Rig, Refine];
@@ -387,8 +388,8 @@ settings! {
     distance_weight: f32 = always(3.0), Limit::Between(0.0, 1000.0), [Refine];
     /// Weight of the cosines between neighbouring vertex normals (`L_normal` in the paper).
     normal_weight: f32 = always(0.0), Limit::Between(0.0, 10.0), [Refine];
-    /// Longest way of a vertex in one step, as a fraction of the mean edge length.
-    step_length: f32 = always(0.01), Limit::Between(0.0001, 0.1), [Refine];
+    /// Longest way of a vertex in the first step, as a fraction of the mean edge length; the steps get shorter.
+    step_length: f32 = always(0.02), Limit::Between(0.0001, 0.1), [Refine];
 }
 
 impl Default for BakeSettings {
