@@ -24,6 +24,10 @@ use crate::{Bvh, Context, Error, Key, Progress, ProgressSink, StageId};
 pub(crate) const LEVELS_BEGIN: f32 = 0.4;
 /// Largest texture during descent: a view resolves no more, and the last solution is at full size.
 const FITTED_SIZE: usize = 512;
+/// Most faces of a level whose vertices are moved at half size: the edges of others are but a few pixels long there.
+const COARSE_FACES: u32 = 2000;
+/// Such a level takes this many times the steps of one that is refined at full size alone.
+const COARSE_MORE: u32 = 3;
 /// Difference of colours at which a pixel counts half in the last solution.
 const TRUST: f32 = 0.3;
 /// Encoded grey of a texture that has not been made.
@@ -221,9 +225,13 @@ fn fit(
     context.check(&model.name)?;
     let Some((mut low, texture)) = textured else { return Ok(Fitted::unmoved(shared, atlas, shape, influences)) };
     context.report(StageId::Refine, Some(number as usize), 0.5);
+    let (steps, coarse) = match budget <= COARSE_FACES {
+        true => (settings.refine_steps, settings.coarse_steps),
+        false => (settings.refine_steps / COARSE_MORE, 0.0),
+    };
     let params = refine::Params {
-        steps: settings.refine_steps,
-        coarse: settings.coarse_steps,
+        steps,
+        coarse,
         step_length: settings.step_length,
         texture,
         gradient_weight: settings.gradient_weight,

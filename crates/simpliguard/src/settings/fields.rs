@@ -361,12 +361,14 @@ settings! {
     view_size: u32 = always(512), Limit::Between(128.0, 2048.0), [Shape, Texture, Refine];
     /// Whether differentiable rendering fits texture and vertices to the views; if not, both stay as they were made.
     refine: bool = always(true), Limit::None, [Refine];
-    /// Number of optimisation steps by differentiable rendering; 0 leaves the vertices where they are.
-    refine_steps: u32 = by_quality(0, 300, 600), Limit::Between(0.0, 2000.0), [Refine];
-    /// Part of the steps, the first ones, that compare pictures of half the size: they cost a quarter.
+    /// Number of optimisation steps by differentiable rendering, a third of it in levels of more than 2,000 faces; 0 leaves the
+    /// vertices where they are.
+    refine_steps: u32 = by_quality(0, 400, 800), Limit::Between(0.0, 2000.0), [Refine];
+    /// Part of the steps, the first ones, that compare pictures of half the size, in levels of at most 2,000 faces: they cost a
+    /// quarter.
     coarse_steps: f32 = always(0.9), Limit::Between(0.0, 1.0), [Refine];
     /// Number of views that these steps have besides those at full size: the more, the better vertices suit others.
-    coarse_views: u32 = by_quality(0, 96, 96), Limit::Between(0.0, 256.0), [Refine];
+    coarse_views: u32 = always(128), Limit::Between(0.0, 256.0), [Refine];
     /// Whether joint weights are fitted to the poses: over the faces between vertices first, and then together with the
     /// vertices.
     refine_weights: bool = always(true), Limit::None, [Rig, Refine];

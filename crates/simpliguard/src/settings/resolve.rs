@@ -157,7 +157,7 @@ mod tests {
     fn explicit_fields_win_over_a_quality_from_any_layer() {
         let layers = vec![layer(project(), &[("views", "64")]), layer(Origin::CommandLine, &[("quality", "best")])];
         let resolved = resolve(layers).expect("valid");
-        assert_eq!((resolved.settings.views, resolved.settings.refine_steps), (64, 350));
+        assert_eq!((resolved.settings.views, resolved.settings.refine_steps), (64, 800));
         assert_eq!(resolved.settings.quality, Quality::Best);
         assert_eq!(resolved.origin("quality"), Some(&Origin::CommandLine));
         assert_eq!(resolved.origin("refine_steps"), Some(&Origin::Preset(Quality::Best)));
