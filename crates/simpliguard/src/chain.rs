@@ -294,7 +294,7 @@ fn make_levels(
     };
     let is_descended = |budget: &u32| content.is_some_and(|c| context.knows(&descent_key(&c, settings, *budget)));
     let take_halves = || {
-        let wanted = !budgets.iter().all(is_descended);
+        let wanted = budgets.iter().any(|budget| level::begins_coarse(*budget) && !is_descended(budget));
         wanted.then(|| clock.time(StageId::Refine, || photographer.halves(&views)))
     };
     // The shapes leave threads idle, but what is shown before the vertices are moved should not wait for these views.

@@ -225,7 +225,7 @@ fn fit(
     context.check(&model.name)?;
     let Some((mut low, texture)) = textured else { return Ok(Fitted::unmoved(shared, atlas, shape, influences)) };
     context.report(StageId::Refine, Some(number as usize), 0.5);
-    let (steps, coarse) = match budget <= COARSE_FACES {
+    let (steps, coarse) = match begins_coarse(budget) {
         true => (settings.refine_steps, settings.coarse_steps),
         false => (settings.refine_steps / COARSE_MORE, 0.0),
     };
@@ -246,7 +246,8 @@ fn fit(
             let mut low = low.clone();
             let poses = shared.poses.filter(|_| settings.refine_weights);
             let mut skin = poses.map(|poses| Skin::new(poses, influences.clone()));
-            let own = shared.halves.is_none().then(|| shared.photographer.halves(shared.views));
+            let missing = shared.halves.is_none() && begins_coarse(budget);
+            let own = missing.then(|| shared.photographer.halves(shared.views));
             let target = refine::Target {
                 views: shared.views,
                 halves: shared.halves.or(own.as_deref()).unwrap_or_default(),
@@ -261,6 +262,11 @@ fn fit(
     low.positions = positions;
     let low = low.with_motions(motions(shared, &influences));
     Ok(Fitted { low, influences, refined: Some(refined) })
+}
+
+/// Whether the vertices of a level are moved at half size first.
+pub(crate) fn begins_coarse(budget: u32) -> bool {
+    budget <= COARSE_FACES
 }
 
 /// Splits the faces along the joint planes, if that comes last: their parts keep their place in the atlas.
