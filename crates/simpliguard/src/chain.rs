@@ -298,7 +298,7 @@ fn make_levels(
         wanted.then(|| clock.time(StageId::Refine, || photographer.halves(&views)))
     };
     // The shapes leave threads idle, but what is shown before the vertices are moved should not wait for these views.
-    let (shapes, halves) = rayon::join(find_shapes, || preview.is_none().then(take_halves).flatten());
+    let (shapes, halves) = rayon::join(find_shapes, || preview.is_none().then(take_halves));
     let shapes = shapes?;
     let deviations: Vec<Deviation> = shapes.iter().map(|s| s.deviation).collect();
     context.report(StageId::Unwrap, None, level::LEVELS_BEGIN);
@@ -325,7 +325,7 @@ fn make_levels(
     if let Some(sink) = preview.filter(|_| !wanted.iter().all(|(budget, _)| is_descended(budget))) {
         show_preview(&shared, &wanted, sink)?;
     }
-    let halves = halves.or_else(take_halves);
+    let halves = halves.unwrap_or_else(take_halves);
     let (levels, reports) = level::make_levels(&Shared { halves: halves.as_deref(), ..shared }, &wanted)?;
     Ok(Made { levels, reports, unmet })
 }
