@@ -135,6 +135,17 @@ impl Bvh {
 
     /// Whether a ray meets anything between 0 and `max_distance`.
     pub fn occluded(&self, origin: Vec3, direction: Vec3, max_distance: f32) -> bool {
+        self.occluded_where(origin, direction, max_distance, |_| true)
+    }
+
+    /// As [`Self::occluded`], by triangles for which `accept(triangle)` holds.
+    pub fn occluded_where(
+        &self,
+        origin: Vec3,
+        direction: Vec3,
+        max_distance: f32,
+        accept: impl Fn(u32) -> bool,
+    ) -> bool {
         if self.corners.is_empty() {
             return false;
         }
@@ -142,7 +153,8 @@ impl Bvh {
         let ray = Ray::new(outward(o), outward(d), 0.0, max_distance);
         !self.tree.ray_traverse_miss(ray, |_, i| {
             let triangle = self.tree.primitive_indices[i];
-            intersect(o, d, &self.corners[triangle as usize]).filter(|&t| t > 0.0).unwrap_or(f32::INFINITY)
+            let met = intersect(o, d, &self.corners[triangle as usize]).filter(|&t| t > 0.0 && accept(triangle));
+            met.unwrap_or(f32::INFINITY)
         })
     }
 

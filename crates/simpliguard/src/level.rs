@@ -328,11 +328,11 @@ impl<'a> Canvas<'a> {
         if self.shared.settings.initial_texture == InitialTexture::Grey && !alpha {
             return (vec![GREY; samples.len()], covered);
         }
-        let encoded = |s: &SurfaceSample| s.base_color.truncate().map(linear_to_srgb).extend(1.0);
+        let encoded = |s: &SurfaceSample| s.color.truncate().map(linear_to_srgb).extend(1.0);
         let mut texels: Vec<Vec4> =
             samples.par_iter().with_min_len(4096).map(|s| s.as_ref().map_or(Vec4::ZERO, encoded)).collect();
         // Clear texels of a cut-out take the colour of their neighbours, which filtering mixes in.
-        let known = |s: &Option<SurfaceSample>| s.as_ref().is_some_and(|s| !alpha || s.base_color.w >= 0.5);
+        let known = |s: &Option<SurfaceSample>| s.as_ref().is_some_and(|s| !alpha || s.color.w >= 0.5);
         let known: Vec<bool> = samples.iter().map(known).collect();
         texture::fill(&mut texels, &known, self.size);
         (texels, covered)
@@ -381,13 +381,13 @@ fn is_cut_out(shape: &Shape, samples: &[Option<SurfaceSample>]) -> bool {
     if shape.road == Road::Cards {
         return true;
     }
-    let clear = samples.iter().flatten().filter(|s| s.base_color.w < 0.5).count();
+    let clear = samples.iter().flatten().filter(|s| s.color.w < 0.5).count();
     shape.road == Road::Source && 20 * clear > samples.iter().flatten().count()
 }
 
 /// Whether every texel has the same base colour, to half a step of eight bits.
 fn is_uniform(samples: &[Option<SurfaceSample>]) -> bool {
-    let mut colors = samples.iter().flatten().map(|s| s.base_color);
+    let mut colors = samples.iter().flatten().map(|s| s.color);
     let first = colors.next().unwrap_or_default();
     colors.all(|c| (c - first).abs().max_element() < 0.5 / 255.0)
 }

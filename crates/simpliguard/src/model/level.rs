@@ -96,7 +96,7 @@ impl Level {
         let rgba = |image: &Option<RgbImage>| image.clone().map(|i| DynamicImage::ImageRgb8(i).to_rgba8());
         let rough_metal = bind(rgba(&self.textures.occlusion_roughness_metallic), false);
         let material = Material {
-            base_color_texture: bind(Some(self.textures.base_color.clone()), true),
+            base_color_texture: bind(Some(self.seen_colors()), true),
             normal_texture: bind(rgba(&self.textures.normal), false),
             emissive_texture: bind(rgba(&self.textures.emissive), true),
             metallic: if rough_metal.is_some() { 1.0 } else { self.material.metallic },
@@ -109,15 +109,47 @@ impl Level {
             unlit: self.material.unlit,
             ..Material::default()
         };
+        let emitting = Material {
+            base_color: Vec4::W,
+            emissive: Vec3::ONE,
+            emissive_texture: material.base_color_texture,
+            ..material.clone()
+        };
         let surface = Surface {
             positions: mesh.positions.clone(),
             normals: mesh.normals.clone(),
             tangents: mesh.tangents.clone(),
             uvs: [mesh.uvs.clone(), Vec::new()],
             triangles: mesh.triangles.clone(),
-            material: vec![0; mesh.triangles.len()],
+            material: mesh.triangles.iter().map(|&t| u32::from(self.triangle_only_emits(t))).collect(),
             ..Surface::default()
         };
-        Model { surface, materials: vec![material], textures, ..Model::empty(name) }
+        Model { surface, materials: vec![material, emitting], textures, ..Model::empty(name) }
+    }
+
+    /// Base colours, and emitted ones where those are black: see [`Material::only_emits`].
+    fn seen_colors(&self) -> RgbaImage {
+        let mut colors = self.textures.base_color.clone();
+        for (x, y, color) in colors.enumerate_pixels_mut().filter(|&(x, y, _)| self.only_emits(x, y)) {
+            let light = self.textures.emissive.as_ref().map_or([0; 3], |image| image.get_pixel(x, y).0);
+            color.0[..3].copy_from_slice(&light);
+        }
+        colors
+    }
+
+    /// Whether nothing but emitted light is seen of a texel.
+    fn only_emits(&self, x: u32, y: u32) -> bool {
+        let emissive = self.textures.emissive.as_ref().filter(|_| self.material.emissive == Vec3::ONE);
+        let black = self.textures.base_color.get_pixel(x, y).0[..3] == [0; 3];
+        black && emissive.is_some_and(|image| image.get_pixel(x, y).0 != [0; 3])
+    }
+
+    /// The same of a triangle, by its middle.
+    fn triangle_only_emits(&self, triangle: [u32; 3]) -> bool {
+        let [width, height] = [self.textures.base_color.width(), self.textures.base_color.height()];
+        let [a, b, c] = triangle.map(|v| self.mesh.uvs[v as usize]);
+        let texel = |c: f32, size: u32| ((c * size as f32) as u32).min(size.saturating_sub(1));
+        let middle = (a + b + c) / 3.0;
+        width > 0 && height > 0 && self.only_emits(texel(middle.x, width), texel(middle.y, height))
     }
 }

@@ -35,6 +35,18 @@ pub struct Material {
     pub unlit: bool,
 }
 
+/// Base colours up to this reflect nothing that anyone sees.
+const BLACK: f32 = 1e-3;
+
+impl Material {
+    /// Whether all that is seen of it is what it emits: the way that many tools write light that was baked into a texture.
+    /// Emission brighter than white is left to the light.
+    pub fn only_emits(&self) -> bool {
+        let dark = self.base_color.truncate().max_element() <= BLACK;
+        dark && !self.unlit && self.emissive.max_element() > BLACK && self.emissive.max_element() <= 1.0
+    }
+}
+
 impl Default for Material {
     fn default() -> Self {
         Self {

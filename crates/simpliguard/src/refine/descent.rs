@@ -165,6 +165,8 @@ struct Descent<'a> {
     guard: Guard,
     structure: Structure,
     distance: SourceDistance<'a>,
+    /// Weight of the distance beside the views at full size. The more views there are, the less they leave to it.
+    distance_weight: f32,
     adam: Adam,
     weight_adam: Adam,
     /// Step lengths of vertices and of skin weights.
@@ -187,6 +189,7 @@ impl<'a> Descent<'a> {
             guard: Guard::new(low),
             structure: Structure::new(low, laplacian_weight, params.normal_weight),
             distance: SourceDistance::new(target.bvh, low, distance_weight),
+            distance_weight,
             adam: Adam::new(3 * vertices),
             weight_adam: Adam::new(4 * vertices),
             rate: params.step_length * edge,
@@ -212,7 +215,10 @@ impl<'a> Descent<'a> {
             let split_half = Split::new(halves, &self.context.cancellation).fitting_texture_to(COARSE_FIT_VIEWS);
             split_half.fit(&mut half, self.params.texture.as_ref());
             let psnr = split_half.judge(&half);
+            let part = split.fitted.len() as f32 / split_half.fitted.len().max(1) as f32;
+            self.distance.set_weight(self.distance_weight * part);
             self.descend(&mut half, skin.as_deref_mut(), &split_half, coarse, psnr)?;
+            self.distance.set_weight(self.distance_weight);
             (low.positions, low.motions) = (half.positions, half.motions);
             split.fit(low, self.params.texture.as_ref());
             let psnr = split.judge(low);

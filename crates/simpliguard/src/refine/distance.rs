@@ -34,6 +34,10 @@ impl<'a> SourceDistance<'a> {
         distance
     }
 
+    pub(super) fn set_weight(&mut self, weight: f32) {
+        self.weight = weight;
+    }
+
     /// Finds the planes next to the mesh as it is.
     pub(super) fn find_planes(&mut self, low: &LowPoly) {
         if self.weight == 0.0 {

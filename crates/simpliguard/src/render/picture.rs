@@ -10,7 +10,7 @@ use crate::model::{AlphaMode, linear_to_srgb};
 /// How a picture is lit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Light {
-    /// Base colour alone.
+    /// Base colour alone, or what is emitted where nothing else is seen.
     None,
     /// A lamp at the camera: `0.3 + 0.7 |n . v|` of the base colour.
     Head,
@@ -165,7 +165,7 @@ pub(crate) fn draw_solid(sampler: &SurfaceSampler<'_>, raster: &mut Raster, clip
             AlphaMode::Opaque => raster.draw_tested(t, corners, material.double_sided, |_, _, _| true),
             AlphaMode::Mask { cutoff } => {
                 let shader = shader.get_or_insert_with(|| Shader::new(sampler, clip, size, &camera, Light::None));
-                raster.draw_tested(t, corners, material.double_sided, |_, x, y| shader.base_color(t, x, y).w >= cutoff);
+                raster.draw_tested(t, corners, material.double_sided, |_, x, y| shader.color(t, x, y).w >= cutoff);
             }
         }
     }
@@ -209,24 +209,24 @@ impl<'a, 's> Shader<'a, 's> {
         barycentric_at(&self.coefficients, x, y).0
     }
 
-    fn base_color(&mut self, t: usize, x: usize, y: usize) -> Vec4 {
+    fn color(&mut self, t: usize, x: usize, y: usize) -> Vec4 {
         let b = self.barycentric(t, x, y);
-        self.sampler.base_color(t, b, self.footprint)
+        self.sampler.color(t, b, self.footprint)
     }
 
     /// Encoded colour and alpha, not premultiplied.
     fn shade(&mut self, t: usize, x: usize, y: usize) -> Vec4 {
         let b = self.barycentric(t, x, y);
-        let color = self.sampler.base_color(t, b, self.footprint);
+        let color = self.sampler.color(t, b, self.footprint);
         let rgb = match self.light {
-            Light::None => color.xyz(),
-            Light::Head => {
+            Light::Head if !self.sampler.material(t).only_emits() => {
                 let surface = &self.sampler.model().surface;
                 let [i, j, k] = surface.triangles[t].map(|v| surface.positions[v as usize]);
                 let view = (self.eye - (i * b.x + j * b.y + k * b.z)).normalize_or_zero();
                 let normal = self.sampler.normal(t, b, self.footprint);
                 color.xyz() * (0.3 + 0.7 * normal.dot(view).abs())
             }
+            Light::None | Light::Head => color.xyz(),
         };
         Vec3::from(rgb.to_array().map(encode)).extend(color.w.clamp(0.0, 1.0))
     }

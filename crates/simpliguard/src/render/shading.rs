@@ -7,8 +7,10 @@ use crate::model::{Material, Model, TextureRef};
 /// Material properties at one point of the surface, in linear light.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SurfaceSample {
-    /// Base colour and alpha.
-    pub base_color: Vec4,
+    /// Colour without light, and alpha: the base colour, or what a material emits that does nothing else.
+    pub color: Vec4,
+    /// Whether `color` is emitted.
+    pub glows: bool,
     /// Unit shading normal in world space, normal map applied.
     pub normal: Vec3,
     /// 0 occluded to 1 open.
@@ -17,7 +19,7 @@ pub struct SurfaceSample {
     pub roughness: f32,
     /// 0 to 1.
     pub metallic: f32,
-    /// Emitted light.
+    /// Light emitted besides.
     pub emissive: Vec3,
 }
 
@@ -70,8 +72,21 @@ impl<'a> SurfaceSampler<'a> {
         &self.model.materials[self.model.surface.material[t] as usize]
     }
 
+    /// Colour without light, and alpha, at barycentric coordinates `b` of triangle `t`, linear: the base colour, or what a
+    /// material emits that does nothing else.
+    pub fn color(&self, t: usize, b: Vec3, footprint: Footprint) -> Vec4 {
+        let base = self.base_color(t, b, footprint);
+        if self.material(t).only_emits() { self.emissive(t, b, footprint).extend(base.w) } else { base }
+    }
+
+    fn emissive(&self, t: usize, b: Vec3, footprint: Footprint) -> Vec3 {
+        let material = self.material(t);
+        let texel = |texture: &TextureRef| self.texel(texture, t, b, footprint).xyz();
+        material.emissive * material.emissive_texture.as_ref().map_or(Vec3::ONE, texel)
+    }
+
     /// Base colour and alpha at barycentric coordinates `b` of triangle `t`, linear light.
-    pub fn base_color(&self, t: usize, b: Vec3, footprint: Footprint) -> Vec4 {
+    fn base_color(&self, t: usize, b: Vec3, footprint: Footprint) -> Vec4 {
         let material = self.material(t);
         let mut color = material.base_color;
         if let Some(texture) = &material.base_color_texture {
@@ -107,13 +122,15 @@ impl<'a> SurfaceSampler<'a> {
         };
         let rough_metal = texel(&material.metallic_roughness_texture);
         let occlusion = texel(&material.occlusion_texture).x;
+        let glows = material.only_emits();
         SurfaceSample {
-            base_color: self.base_color(t, b, footprint),
+            color: self.color(t, b, footprint),
+            glows,
             normal: self.normal(t, b, footprint),
             occlusion: 1.0 + material.occlusion_strength * (occlusion - 1.0),
             roughness: material.roughness * rough_metal.y,
             metallic: material.metallic * rough_metal.z,
-            emissive: material.emissive * texel(&material.emissive_texture).xyz(),
+            emissive: if glows { Vec3::ZERO } else { self.emissive(t, b, footprint) },
         }
     }
 

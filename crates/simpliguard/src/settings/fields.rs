@@ -386,7 +386,7 @@ settings! {
     /// Weight of the Laplacian of how far vertices have moved (`L_laplacian` in the paper), in squared radii of the model.
     laplacian_weight: f32 = always(0.02), Limit::Between(0.0, 10.0), [Refine];
     /// Weight of the mean squared distance to the source, in squared mean edges of the level: what pictures do not tell stays
-    /// near the surface.
+    /// near the surface. Beside `coarse_views` it is as much less as they are more.
     distance_weight: f32 = always(3.0), Limit::Between(0.0, 1000.0), [Refine];
     /// Weight of the cosines between neighbouring vertex normals (`L_normal` in the paper).
     normal_weight: f32 = always(0.0), Limit::Between(0.0, 10.0), [Refine];

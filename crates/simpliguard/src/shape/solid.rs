@@ -51,7 +51,7 @@ fn is_solid(sampler: &SurfaceSampler<'_>, t: usize) -> bool {
     }
     let footprint = Footprint::new(0.1, 1.0);
     let opacity = |b: &[f32; 3]| {
-        let alpha = sampler.base_color(t, Vec3::from(*b), footprint).w;
+        let alpha = sampler.color(t, Vec3::from(*b), footprint).w;
         match mode {
             AlphaMode::Mask { cutoff } => f32::from(u8::from(alpha >= cutoff)),
             _ => alpha,

@@ -82,7 +82,8 @@ pub(super) fn grow(mesh: &TriMesh, faces: &mut [bool], rings: usize) {
     }
 }
 
-/// Keeps those `faces` none of whose rays escapes the mesh: `H = 0` in the paper. With `two_sided` both hemispheres count.
+/// Keeps those `faces` none of whose rays escapes the mesh: `H = 0` in the paper. With `two_sided` both hemispheres count,
+/// and both sides of a face stop a ray; without, whoever looks along a ray from afar sees through back faces.
 pub(super) fn keep_enclosed(
     faces: &mut [bool],
     mesh: &TriMesh,
@@ -94,7 +95,11 @@ pub(super) fn keep_enclosed(
     let directions = fibonacci_directions(2 * RAYS);
     let lift = frame.radius * 1e-4;
     let escapes = |p: Vec3, n: Vec3| {
-        directions.iter().filter(|d| d.dot(n) > 0.05).any(|&d| !bvh.occluded(p + n * lift, d, 4.0 * frame.radius))
+        let stopped = |d: Vec3| {
+            let stops = |t: u32| two_sided || mesh.area_vector(t as usize).dot(d) > 0.0;
+            bvh.occluded_where(p + n * lift, d, 4.0 * frame.radius, stops)
+        };
+        directions.iter().filter(|d| d.dot(n) > 0.05).any(|&d| !stopped(d))
     };
     let sees_out = |t: usize| {
         let [a, b, c] = mesh.corners(t);
@@ -129,6 +134,20 @@ mod tests {
         let mut faces = [true, true, true, false, true, true, true, true];
         keep_enclosed(&mut faces, &mesh, &frame, false, &Cancellation::default());
         assert_eq!(faces, [true, true, true, false, false, false, false, false]);
+    }
+
+    #[test]
+    fn rays_leave_a_room_through_the_backs_of_its_walls() {
+        let mut room = nested();
+        room.triangles.iter_mut().for_each(|t| t.swap(1, 2));
+        let frame = Frame::around(&room.positions);
+        let enclosed = |two_sided: bool| {
+            let mut faces = [true; 8];
+            keep_enclosed(&mut faces, &room, &frame, two_sided, &Cancellation::default());
+            faces
+        };
+        assert_eq!(enclosed(false), [false; 8]);
+        assert_eq!(enclosed(true), [true, true, true, true, false, false, false, false]);
     }
 
     #[test]

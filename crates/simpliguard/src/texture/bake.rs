@@ -68,7 +68,8 @@ pub fn bake(
 
 /// What lies between the leaves of a card.
 const CLEAR: SurfaceSample = SurfaceSample {
-    base_color: Vec4::ZERO,
+    color: Vec4::ZERO,
+    glows: false,
     normal: Vec3::Y,
     occlusion: 1.0,
     roughness: 1.0,
@@ -100,7 +101,7 @@ impl Eye<'_> {
         let mut seen = self.sample(&hit);
         let mut last = hit;
         for _ in 1..LAYERS {
-            let alpha = seen.base_color.w;
+            let alpha = seen.color.w;
             let blended = self.sampler.material(last.triangle as usize).alpha_mode == AlphaMode::Blend;
             if !blended || alpha > 0.99 {
                 break;
@@ -138,7 +139,7 @@ impl Eye<'_> {
             match material.alpha_mode {
                 AlphaMode::Mask { cutoff } => {
                     let b = Vec3::from(barycentric(point, corners));
-                    self.sampler.base_color(t, b, self.footprint(corners)).w >= cutoff
+                    self.sampler.color(t, b, self.footprint(corners)).w >= cutoff
                 }
                 _ => true,
             }
@@ -157,14 +158,16 @@ impl Eye<'_> {
     }
 }
 
-/// A blended surface over what is behind it. The shape is that of the more solid one.
+/// A blended surface over what is behind it. The shape is that of the more solid one, and so is whether it glows.
 fn over(front: &SurfaceSample, back: &SurfaceSample) -> SurfaceSample {
-    let alpha = front.base_color.w;
+    let alpha = front.color.w;
+    let shape = if alpha > 0.5 { front } else { back };
     let mix = |front: f32, back: f32| front * alpha + back * (1.0 - alpha);
-    let color = front.base_color.truncate() * alpha + back.base_color.truncate() * (1.0 - alpha);
+    let color = front.color.truncate() * alpha + back.color.truncate() * (1.0 - alpha);
     SurfaceSample {
-        base_color: color.extend(alpha + back.base_color.w * (1.0 - alpha)),
-        normal: if alpha > 0.5 { front.normal } else { back.normal },
+        color: color.extend(alpha + back.color.w * (1.0 - alpha)),
+        glows: shape.glows,
+        normal: shape.normal,
         occlusion: mix(front.occlusion, back.occlusion),
         roughness: mix(front.roughness, back.roughness),
         metallic: mix(front.metallic, back.metallic),

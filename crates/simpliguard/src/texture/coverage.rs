@@ -29,7 +29,7 @@ pub fn keep_coverage(
     let wanted =
         area(source, &cards.source_group) / area(level, &cards.group).max(f64::MIN_POSITIVE) * card_texels as f64;
     for _ in 0..RINGS {
-        let is_leaf = |i: usize| samples[i].is_some_and(|s| s.base_color.w >= OPAQUE);
+        let is_leaf = |i: usize| samples[i].is_some_and(|s| s.color.w >= OPAQUE);
         let leaves = (0..texels.len()).filter(|&i| card(i) != NO_CARD && is_leaf(i)).count();
         let ring: Vec<(usize, usize)> = (0..texels.len())
             .filter(|&i| card(i) != NO_CARD && !is_leaf(i))
@@ -64,7 +64,8 @@ mod tests {
         };
         let texels = vec![Some(Texel { triangle: 0, barycentric: Vec3::ZERO }); 81];
         let sample = |alpha| SurfaceSample {
-            base_color: Vec4::new(1.0, 0.0, 0.0, alpha),
+            color: Vec4::new(1.0, 0.0, 0.0, alpha),
+            glows: false,
             normal: Vec3::Z,
             occlusion: 1.0,
             roughness: 1.0,
@@ -76,7 +77,7 @@ mod tests {
             let mut samples = vec![Some(sample(0.0)); 81];
             samples[40] = Some(sample(1.0));
             keep_coverage(&mut samples, &texels, 9, &square((part / 81.0).sqrt()), &square(1.0), &cards);
-            let leaves = samples.iter().flatten().filter(|s| s.base_color.w > 0.5).count();
+            let leaves = samples.iter().flatten().filter(|s| s.color.w > 0.5).count();
             assert_eq!(leaves, expected);
         }
     }

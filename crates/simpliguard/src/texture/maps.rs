@@ -7,7 +7,9 @@ use image::{Rgb, RgbImage, Rgba, RgbaImage};
 
 use super::{Texel, fill};
 use crate::mesh::TriMesh;
-use crate::model::{AlphaMode, Influences, LevelMaterial, LevelMesh, LevelMorph, LevelTextures, linear_to_srgb};
+use crate::model::{
+    AlphaMode, Influences, LevelMaterial, LevelMesh, LevelMorph, LevelTextures, linear_to_srgb, srgb_to_linear,
+};
 use crate::render::SurfaceSample;
 use crate::settings::TextureFormat;
 use crate::unwrap::Atlas;
@@ -58,18 +60,25 @@ pub fn level_mesh(
     out
 }
 
-/// The images of a level, `base_color` being the refined texture (encoded), and the factors that go with them.
+/// The images of a level, `colors` being the refined texture (encoded), and the factors that go with them. What glows is
+/// black in the image of base colours, and its colour in that of emission.
 pub fn maps(
     mesh: &LevelMesh,
     texels: &[Option<Texel>],
     samples: &[Option<SurfaceSample>],
-    base_color: &[Vec4],
+    colors: &[Vec4],
     size: usize,
     channels: Channels,
 ) -> (LevelTextures, Varying) {
     let painter = Painter { samples, size };
     let varying = Varying::of(samples);
-    let alpha = channels.alpha.then(|| painter.paint(|_, s| Vec4::splat(s.base_color.w)));
+    let alpha = channels.alpha.then(|| painter.paint(|_, s| Vec4::splat(s.color.w)));
+    let reflected = varying.glows.then(|| painter.paint(|i, s| if s.glows { Vec4::ZERO } else { colors[i] }));
+    let base_color = reflected.as_deref().unwrap_or(colors);
+    let emitted = |i: usize, s: &SurfaceSample| {
+        let light = if s.glows { colors[i].xyz().map(srgb_to_linear) } else { s.emissive };
+        (light / varying.emissive).map(linear_to_srgb)
+    };
     let textures = LevelTextures {
         base_color: RgbaImage::from_fn(size as u32, size as u32, |x, y| {
             let i = y as usize * size + x as usize;
@@ -80,8 +89,7 @@ pub fn maps(
         occlusion_roughness_metallic: varying
             .rough_metal
             .then(|| painter.rgb(|_, s| Vec3::new(s.occlusion, s.roughness, s.metallic))),
-        emissive: (varying.emissive != Vec3::ZERO)
-            .then(|| painter.rgb(|_, s| (s.emissive / varying.emissive).map(linear_to_srgb))),
+        emissive: (varying.emissive != Vec3::ZERO).then(|| painter.rgb(emitted)),
         format: channels.format,
     };
     (textures, varying)
@@ -96,8 +104,11 @@ pub struct Varying {
     pub roughness: f32,
     /// Mean metalness.
     pub metallic: f32,
-    /// Brightest emission of each channel; zero in channels that are dark everywhere, unless another is not.
+    /// Brightest emission of each channel; zero in channels that are dark everywhere, unless another is not. One if
+    /// anything glows.
     pub emissive: Vec3,
+    /// Something does nothing but emit light.
+    pub glows: bool,
 }
 
 impl Varying {
@@ -110,8 +121,19 @@ impl Varying {
             emissive = emissive.max(s.emissive);
         }
         let mean = if count > 0.0 { sum / count } else { Vec3::new(1.0, 1.0, 0.0) };
-        let emissive = if emissive.max_element() > 1.0 / 255.0 { emissive.max(Vec3::splat(1e-3)) } else { Vec3::ZERO };
-        Self { rough_metal: (high - low).max_element() > 1.5 / 255.0, roughness: mean.y, metallic: mean.z, emissive }
+        let glows = samples.iter().flatten().any(|s| s.glows);
+        let emissive = match emissive.max_element() > 1.0 / 255.0 {
+            _ if glows => emissive.max(Vec3::ONE),
+            true => emissive.max(Vec3::splat(1e-3)),
+            false => Vec3::ZERO,
+        };
+        Self {
+            rough_metal: (high - low).max_element() > 1.5 / 255.0,
+            roughness: mean.y,
+            metallic: mean.z,
+            emissive,
+            glows,
+        }
     }
 }
 

@@ -76,8 +76,8 @@ fn each_part_shows_its_own_material() {
     let red = Material { base_color: Vec4::new(1.0, 0.0, 0.0, 1.0), ..plain() };
     let half = Material { base_color_texture: texture_ref(0, Affine2::IDENTITY), ..plain() };
     let samples = samples(&source([red, half], vec![texture(1, &[[128, 0, 0, 255]], Wrap::Repeat, true)]));
-    assert_eq!(sample_at(&samples, 0.2, 0.5).base_color, Vec4::new(1.0, 0.0, 0.0, 1.0));
-    let shown = sample_at(&samples, 0.8, 0.5).base_color;
+    assert_eq!(sample_at(&samples, 0.2, 0.5).color, Vec4::new(1.0, 0.0, 0.0, 1.0));
+    let shown = sample_at(&samples, 0.8, 0.5).color;
     assert!((shown.x - srgb_to_linear(128.0 / 255.0)).abs() < 1e-5, "{shown}");
 }
 
@@ -89,7 +89,7 @@ fn vertex_colours_are_multiplied_on_and_interpolated() {
     // The left half's right side.
     model.surface.colors[1] = Vec4::new(0.0, 1.0, 0.0, 1.0);
     model.surface.colors[2] = Vec4::new(0.0, 1.0, 0.0, 1.0);
-    let shown = sample_at(&samples(&model), 0.25, 0.5).base_color;
+    let shown = sample_at(&samples(&model), 0.25, 0.5).color;
     assert!((shown - Vec4::new(0.25, 0.5, 0.25, 1.0)).abs().max_element() < 0.02, "{shown}");
 }
 
@@ -102,8 +102,8 @@ fn a_palette_shows_one_colour_without_its_neighbours() {
     // All corners of a half in the middle of one texel.
     model.surface.uvs[0] = [[0.75, 0.25]; 4].into_iter().chain([[0.25, 0.75]; 4]).map(Vec2::from).collect();
     let samples = samples(&model);
-    assert_eq!(sample_at(&samples, 0.2, 0.3).base_color, Vec4::new(0.0, 1.0, 0.0, 1.0));
-    assert_eq!(sample_at(&samples, 0.7, 0.9).base_color, Vec4::new(0.0, 0.0, 1.0, 1.0));
+    assert_eq!(sample_at(&samples, 0.2, 0.3).color, Vec4::new(0.0, 1.0, 0.0, 1.0));
+    assert_eq!(sample_at(&samples, 0.7, 0.9).color, Vec4::new(0.0, 0.0, 1.0, 1.0));
 }
 
 #[test]
@@ -113,7 +113,7 @@ fn transformed_textures_wrap_as_their_sampler_says() {
     for (wrap, expected) in [(Wrap::Repeat, [0, 1, 0, 1]), (Wrap::Mirror, [0, 1, 1, 0]), (Wrap::Clamp, [0, 1, 1, 1])] {
         let painted = Material { base_color_texture: texture_ref(0, twice), ..plain() };
         let samples = samples(&source([painted.clone(), painted], vec![texture(2, &stripes, wrap, true)]));
-        let shown = [0.125, 0.375, 0.625, 0.875].map(|x| sample_at(&samples, x, 0.5).base_color.x.round() as i32);
+        let shown = [0.125, 0.375, 0.625, 0.875].map(|x| sample_at(&samples, x, 0.5).color.x.round() as i32);
         assert_eq!(shown, expected, "{wrap:?}");
     }
 }
@@ -145,6 +145,31 @@ fn emission_is_an_image_below_its_brightest() {
     let image = images(&model).emissive.expect("it shines");
     let [lit, dark] = [10, 50].map(|x| image.get_pixel(x, 30).0);
     assert_eq!((lit[0], lit[1], dark[0], dark[1]), (255, 255, 0, 0));
+}
+
+#[test]
+fn what_does_nothing_but_emit_light_is_fitted_by_its_light() {
+    let black = Vec4::new(0.0, 0.0, 0.0, 1.0);
+    let glowing = Material { base_color: black, emissive: Vec3::new(0.5, 0.0, 0.0), ..plain() };
+    let model = source([glowing, plain()], Vec::new());
+    let samples = samples(&model);
+    let [glow, matt] = [sample_at(&samples, 0.2, 0.5), sample_at(&samples, 0.8, 0.5)];
+    assert_eq!((glow.color, glow.glows, glow.emissive), (Vec4::new(0.5, 0.0, 0.0, 1.0), true, Vec3::ZERO));
+    assert_eq!((matt.color, matt.glows), (Vec4::ONE, false));
+    // The fitted texture is white: here as light, there as a base colour.
+    let images = images(&model);
+    let emissive = images.emissive.expect("it shines");
+    for (x, base, light) in [(10, 0, 255), (50, 255, 0)] {
+        assert_eq!((images.base_color.get_pixel(x, 30).0[0], emissive.get_pixel(x, 30).0[0]), (base, light));
+    }
+}
+
+#[test]
+fn black_that_shines_brighter_than_white_is_left_to_the_light() {
+    let black = Vec4::new(0.0, 0.0, 0.0, 1.0);
+    let lamp = Material { base_color: black, emissive: Vec3::new(4.0, 2.0, 0.0), ..plain() };
+    let sample = sample_at(&samples(&source([lamp, plain()], Vec::new())), 0.2, 0.5);
+    assert_eq!((sample.color, sample.glows, sample.emissive), (black, false, Vec3::new(4.0, 2.0, 0.0)));
 }
 
 #[test]

@@ -34,6 +34,12 @@ const LARGE: f64 = 0.05;
 /// Part of its bounding box that a union may always fill.
 const LEAST_BOX_FILL: f64 = 0.75;
 
+/// Part of the surface up to which a union is small: there the gutters of two charts take more texels than its stretch.
+const SMALL: f64 = 0.01;
+
+/// Stretch that a small union may have.
+const SMALL_STRETCH: f64 = 1.2;
+
 /// Joins pairs until none is left that fits.
 pub(super) fn join(
     surface: &Surface,
@@ -69,8 +75,10 @@ pub(super) fn join(
 fn union(surface: &Surface, a: &FlatChart, b: &FlatChart, limits: &Limits) -> Option<FlatChart> {
     let mut faces = [&a.chart.faces[..], &b.chart.faces[..]].concat();
     faces.sort_unstable();
+    let small = faces.iter().map(|&f| surface.area[f as usize]).sum::<f64>() <= SMALL;
+    let stretch = if small { limits.stretch.max(SMALL_STRETCH) } else { limits.stretch };
     let chart = Chart::new(surface, faces);
-    let uv = parametrise(surface, &chart, limits)?;
+    let uv = parametrise(surface, &chart, &Limits { stretch })?;
     let union = FlatChart { chart, uv };
     let (area, box_area) = (area(surface, &union), smallest_box(&union.uv).area);
     let allowed = if area > LARGE { 0.0 } else { MOST_WASTE[0] * area + MOST_WASTE[1] };
