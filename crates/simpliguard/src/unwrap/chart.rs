@@ -2,10 +2,10 @@
 
 use glam::DVec2;
 
-use super::surface::Surface;
+use super::surface::{NONE, Surface};
 use crate::mesh::DisjointSets;
 
-/// Faces glued along every edge they share. A vertex of the mesh where the chart is pinched becomes several vertices,
+/// Faces glued along every edge they share and that is not cut. A vertex of the mesh where the chart is pinched becomes several vertices,
 /// so a chart is always a manifold with boundary.
 pub(super) struct Chart {
     /// Faces of the surface in rising order.
@@ -16,6 +16,8 @@ pub(super) struct Chart {
     pub vertices: usize,
     /// The boundary, counter-clockwise, if the chart is a disc.
     pub boundary: Option<Vec<u32>>,
+    /// Half-edges along which the chart is cut though it has both their sides, in rising order.
+    pub cuts: Vec<u32>,
 }
 
 /// A chart laid flat without overlap.
@@ -28,18 +30,22 @@ pub(super) struct FlatChart {
 impl Chart {
     /// `faces` must be connected, without repetition and in rising order.
     pub(super) fn new(surface: &Surface, faces: Vec<u32>) -> Self {
+        Self::with_cuts(surface, faces, Vec::new())
+    }
+
+    /// As [`Self::new`], cut along these half-edges; they come in pairs and in rising order.
+    pub(super) fn with_cuts(surface: &Surface, faces: Vec<u32>, cuts: Vec<u32>) -> Self {
         let mut sets = DisjointSets::new(3 * faces.len());
         let mut open = Vec::new();
         for (i, &f) in faces.iter().enumerate() {
             for k in 0..3 {
-                let other = surface.opposite[3 * f as usize + k];
-                match faces.binary_search(&(other / 3)) {
-                    Ok(j) if other != super::surface::NONE => {
+                match across(surface, &faces, &cuts, 3 * f + k as u32) {
+                    Some((j, other)) => {
                         let m = other as usize % 3;
                         sets.join(3 * i + k, 3 * j + (m + 1) % 3);
                         sets.join(3 * i + (k + 1) % 3, 3 * j + m);
                     }
-                    _ => open.push((3 * i + k, 3 * i + (k + 1) % 3)),
+                    None => open.push((3 * i + k, 3 * i + (k + 1) % 3)),
                 }
             }
         }
@@ -59,13 +65,25 @@ impl Chart {
         let open: Vec<(u32, u32)> =
             open.into_iter().map(|(a, b)| (corners[a / 3][a % 3], corners[b / 3][b % 3])).collect();
         let boundary = is_disc.then(|| walk(&open, vertices as usize)).flatten();
-        Self { faces, corners, vertices: vertices as usize, boundary }
+        Self { faces, corners, vertices: vertices as usize, boundary, cuts }
+    }
+
+    /// Whether a half-edge of the chart is on its border.
+    pub(super) fn is_open(&self, surface: &Surface, half_edge: u32) -> bool {
+        across(surface, &self.faces, &self.cuts, half_edge).is_none()
     }
 
     /// Corners of face `i` of the chart at the vertex positions `uv`.
     pub(super) fn triangle(&self, uv: &[DVec2], i: usize) -> [DVec2; 3] {
         self.corners[i].map(|v| uv[v as usize])
     }
+}
+
+/// The half-edge behind another, with the index of its face among `faces`, unless the chart ends or is cut there.
+fn across(surface: &Surface, faces: &[u32], cuts: &[u32], half_edge: u32) -> Option<(usize, u32)> {
+    let other = surface.opposite[half_edge as usize];
+    let inside = other != NONE && cuts.binary_search(&half_edge).is_err();
+    faces.binary_search(&(other / 3)).ok().filter(|_| inside).map(|j| (j, other))
 }
 
 /// The single loop through all open edges, or `None` if there are several.

@@ -1,7 +1,8 @@
 //! Joins neighbouring charts whose union still lies flat.
 //!
 //! Clustering by normals is cautious: it keeps apart what could be unrolled. Here pairs are tried for real, those that
-//! lose most of their boundary first, and kept when the union is a valid flat chart. Each round tries a set of disjoint
+//! lose most of their boundary first, and kept when the union is a valid flat chart. Small pairs that meet all around are joined
+//! along a piece of their common border. Each round tries a set of disjoint
 //! pairs, so the outcome does not depend on threads.
 
 use std::collections::{BTreeMap, BTreeSet};
@@ -12,6 +13,7 @@ use super::chart::{Chart, FlatChart};
 use super::hull::smallest_box;
 use super::lscm::parametrise;
 use super::quality::Limits;
+use super::seam;
 use super::surface::{NONE, Surface};
 use crate::Cancellation;
 
@@ -75,9 +77,16 @@ pub(super) fn join(
 fn union(surface: &Surface, a: &FlatChart, b: &FlatChart, limits: &Limits) -> Option<FlatChart> {
     let mut faces = [&a.chart.faces[..], &b.chart.faces[..]].concat();
     faces.sort_unstable();
-    let small = faces.iter().map(|&f| surface.area[f as usize]).sum::<f64>() <= SMALL;
-    let stretch = if small { limits.stretch.max(SMALL_STRETCH) } else { limits.stretch };
-    let chart = Chart::new(surface, faces);
+    let area_of_both: f64 = faces.iter().map(|&f| surface.area[f as usize]).sum();
+    let stretch = if area_of_both <= SMALL { limits.stretch.max(SMALL_STRETCH) } else { limits.stretch };
+    let mut cuts = [&a.chart.cuts[..], &b.chart.cuts[..]].concat();
+    cuts.sort_unstable();
+    let mut chart = Chart::with_cuts(surface, faces, cuts);
+    if chart.boundary.is_none() && area_of_both <= LARGE {
+        chart.cuts.extend(seam::cuts(surface, &a.chart, &b.chart)?);
+        chart.cuts.sort_unstable();
+        chart = Chart::with_cuts(surface, chart.faces, chart.cuts);
+    }
     let uv = parametrise(surface, &chart, &Limits { stretch })?;
     let union = FlatChart { chart, uv };
     let (area, box_area) = (area(surface, &union), smallest_box(&union.uv).area);

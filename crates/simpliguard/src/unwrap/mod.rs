@@ -6,7 +6,7 @@
 //! no flipped face and no overlap for any input: edges that are not manifold are cut, faces without area are fattened,
 //! and a single face can always be laid flat.
 //!
-//! Limits: a closed or ring-shaped part is cut into at least two charts; a chart has one texel density, the mean of its
+//! Limits: a closed or ring-shaped part of more than a twentieth of the surface is cut into at least two charts; a chart has one texel density, the mean of its
 //! faces'. Faces thinner than a hundredth of their length are widened to that; those thinner than a millionth of the
 //! atlas side are taken out of their charts. Where an atlas is so small that the gutters leave no room, gutters shrink,
 //! in the end to nothing.
@@ -21,6 +21,7 @@ mod pack;
 mod piece;
 mod quality;
 mod raster;
+mod seam;
 mod solver;
 mod split;
 mod strip;
