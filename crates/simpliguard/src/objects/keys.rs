@@ -212,7 +212,7 @@ mod tests {
         ];
         assert_eq!(
             (PIPELINE_VERSION, keys.map(|key| key.hex()[..16].to_owned())),
-            ("7", ["b3ef3622e9970036", "8ee630f67aa3dd58"].map(str::to_owned))
+            ("8", ["b3ef3622e9970036", "8ee630f67aa3dd58"].map(str::to_owned))
         );
     }
 }
