@@ -212,7 +212,7 @@ mod tests {
         ];
         assert_eq!(
             (PIPELINE_VERSION, keys.map(|key| key.hex()[..16].to_owned())),
-            ("8", ["b3ef3622e9970036", "8ee630f67aa3dd58"].map(str::to_owned))
+            ("8", ["b3399d3a4db5f1f3", "6371af7bd5d5349b"].map(str::to_owned))
         );
     }
 }
