@@ -317,6 +317,7 @@ fn make_levels(
         seed,
         content,
         settings,
+        preview: false,
         context,
         clock,
     };
@@ -330,7 +331,8 @@ fn make_levels(
     Ok(Made { levels, reports, unmet })
 }
 
-/// Shows levels that are not refined, if the others will be.
+/// Shows levels whose texture is as baked and whose vertices are those of an earlier descent, if there was one, where the result
+/// will be refined.
 fn show_preview(shared: &Shared<'_>, wanted: &[(u32, &Shape)], sink: &dyn PreviewSink) -> Result<(), Error> {
     let Shared { model, settings, context, clock, .. } = *shared;
     if !settings.refine || settings.refine_steps == 0 {
@@ -339,7 +341,8 @@ fn show_preview(shared: &Shared<'_>, wanted: &[(u32, &Shape)], sink: &dyn Previe
     let quick = BakeSettings { refine: false, ..settings.clone() };
     // What is told of its progress is that of the result.
     let silent = Context { progress: None, ..context.clone() };
-    let (levels, _) = level::make_levels(&Shared { settings: &quick, context: &silent, ..*shared }, wanted)?;
+    let (levels, _) =
+        level::make_levels(&Shared { settings: &quick, context: &silent, preview: true, ..*shared }, wanted)?;
     let options = export_options(settings);
     sink.show(clock.time(StageId::Export, || gltf::export_in(model, &levels, &options, &silent))?);
     Ok(())

@@ -54,8 +54,8 @@ pub trait StageStore: Sync {
 
 /// Takes levels that can be shown while better ones are made; called from a worker thread.
 pub trait PreviewSink: Sync {
-    /// Takes one binary glTF: the source, and behind it the levels with their texture as it was baked, vertices and texture
-    /// not refined.
+    /// Takes one binary glTF: the source, and behind it the levels with their texture as it was baked, on vertices as an
+    /// earlier bake with another texture has refined them, if `stages` knows any.
     fn show(&self, glb: Vec<u8>);
 }
 

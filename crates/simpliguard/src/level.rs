@@ -2,14 +2,14 @@
 
 use std::sync::{Mutex, PoisonError};
 
-use glam::Vec4;
+use glam::{Vec3, Vec4};
 use rayon::prelude::*;
 
 use crate::chain::{LevelReport, LevelTopology};
 use crate::clock::Clock;
 use crate::mesh::TriMesh;
 use crate::model::{Influences, Level, Model, linear_to_srgb};
-use crate::objects::{atlas_key, descent_key};
+use crate::objects::{atlas_key, descent_key, moved_key};
 use crate::pictures::Photographer;
 use crate::refine::{self, LowPoly, Refined, Skin, Solver, TextureDescent, TextureFit};
 use crate::render::{Frame, Motions, SurfaceSample, SurfaceSampler, View};
@@ -52,6 +52,8 @@ pub(crate) struct Shared<'a> {
     /// Of the source's files, if stages are stored.
     pub(crate) content: Option<Key>,
     pub(crate) settings: &'a BakeSettings,
+    /// Shown while the result is made: vertices may lie where an earlier bake of other pictures has left them.
+    pub(crate) preview: bool,
     pub(crate) context: &'a Context<'a>,
     pub(crate) clock: &'a Clock,
 }
@@ -193,7 +195,11 @@ struct Fitted {
 impl Fitted {
     /// The shape as it is, without a texture.
     fn unmoved(shared: &Shared<'_>, atlas: &Atlas, shape: &Shape, influences: Vec<Influences>) -> Self {
-        let low = LowPoly::new(&shape.mesh, atlas, shape.double_sided, 1, Vec::new(), Vec::new());
+        let mut low = LowPoly::new(&shape.mesh, atlas, shape.double_sided, 1, Vec::new(), Vec::new());
+        let moved: Option<Vec<Vec3>> = shared.preview.then(|| shared.context.find(&moved_key(&shape.mesh))).flatten();
+        if let Some(positions) = moved.filter(|positions| positions.len() == low.positions.len()) {
+            low.positions = positions;
+        }
         Self { low: low.with_motions(motions(shared, &influences)), influences, refined: None }
     }
 }
@@ -256,6 +262,9 @@ fn fit(
             };
             let refined = refine::refine(&mut low, skin.as_mut(), &target, &params, &model.name, context)?;
             let influences = skin.map_or_else(|| influences.clone(), Skin::into_influences);
+            if let Some(key) = context.key(|| moved_key(&shape.mesh)) {
+                context.leave(&key, &low.positions);
+            }
             Ok((low.positions, (influences, refined)))
         })
     })?;

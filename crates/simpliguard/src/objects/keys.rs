@@ -111,6 +111,15 @@ pub(crate) fn descent_key(content: &Key, settings: &BakeSettings, budget: u32) -
         .finish()
 }
 
+/// Where some descent has left the vertices of a mesh.
+pub(crate) fn moved_key(mesh: &TriMesh) -> Key {
+    KeyBuilder::for_stage(StageId::Refine)
+        .input(cast_slice(&mesh.positions))
+        .input(cast_slice(&mesh.triangles))
+        .settings(b"moved\n")
+        .finish()
+}
+
 /// The atlas of a mesh with a density of texels on each face.
 pub(crate) fn atlas_key(mesh: &TriMesh, density: &[f32], params: &UnwrapParams) -> Key {
     let UnwrapParams { size, gutter } = params;

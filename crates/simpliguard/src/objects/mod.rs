@@ -8,6 +8,10 @@
 //! - the atlas of a mesh;
 //! - where descent leaves the vertices of a level: a setting of its finish finds it again, as does a bake that was stopped.
 //!
+//! The vertices are left a second time under the mesh that they began as, whatever pictures they were moved by. This object is
+//! the one whose key does not tell all of its content, and no result is made from it: it serves levels that are shown while the
+//! result is made.
+//!
 //! An object's key holds the version of the chain and of its stage, the content that the stage reads, and the settings
 //! that it reads. Objects are in the machine's own byte order: they stay on the machine that made them.
 
@@ -16,7 +20,7 @@ mod keys;
 
 use codec::{Reader, Writer};
 
-pub(crate) use keys::{atlas_key, content_key, descent_key, form_key, road_key, shapes_key};
+pub(crate) use keys::{atlas_key, content_key, descent_key, form_key, moved_key, road_key, shapes_key};
 
 use crate::{Context, Error, Key};
 
@@ -44,16 +48,25 @@ impl Context<'_> {
         key: Option<Key>,
         make: impl FnOnce() -> Result<T, Error>,
     ) -> Result<T, Error> {
-        let Some((stages, key)) = self.stages.zip(key) else { return make() };
-        if let Some(object) = stages.get(&key).and_then(|bytes| decode(&bytes)) {
+        let Some(key) = key else { return make() };
+        if let Some(object) = self.find(&key) {
             return Ok(object);
         }
         let made = make()?;
-        // Whoever is cancelled may return less than everything.
-        if !self.cancellation.is_cancelled() {
-            stages.put(&key, &encode(&made));
-        }
+        self.leave(&key, &made);
         Ok(made)
+    }
+
+    /// The object of a key, if it is stored.
+    pub(crate) fn find<T: Object>(&self, key: &Key) -> Option<T> {
+        self.stages?.get(key).and_then(|bytes| decode(&bytes))
+    }
+
+    /// Stores an object. Whoever is cancelled may have made less than everything, and stores nothing.
+    pub(crate) fn leave<T: Object>(&self, key: &Key, object: &T) {
+        if let Some(stages) = self.stages.filter(|_| !self.cancellation.is_cancelled()) {
+            stages.put(key, &encode(object));
+        }
     }
 }
 
