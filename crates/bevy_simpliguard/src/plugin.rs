@@ -19,12 +19,13 @@ pub enum BakeMode {
 /// How bakes stand behind the game where both want the same cores.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum BakePriority {
-    /// They take what the game leaves; of cores that it uses all the time, next to nothing.
-    #[default]
+    /// They take what the game leaves; of cores that it uses all the time, next to nothing: a game that never waits for its
+    /// display may not see its levels for an hour.
     Lowest,
-    /// They get about a tenth of such cores.
+    /// They get about a tenth of such cores. The default of [`BakeMode::Progressive`].
+    #[default]
     Low,
-    /// They get as much as the game.
+    /// They get as much as the game. The default of [`BakeMode::Blocking`], where it waits for them.
     Normal,
 }
 
@@ -54,7 +55,8 @@ pub struct SimpliguardPlugin {
     pub profile: Option<String>,
     /// Overrides every other place of the cache.
     pub cache_dir: Option<PathBuf>,
-    /// Threads that bake; overrides `plugin.threads` of `config/simpliguard.ron`. One less than the cores by default.
+    /// Threads that bake; overrides `plugin.threads` of `config/simpliguard.ron`. By default one less than the cores, and all of
+    /// them in [`BakeMode::Blocking`].
     pub threads: Option<usize>,
     /// Overrides `plugin.priority` of `config/simpliguard.ron`.
     pub priority: Option<BakePriority>,

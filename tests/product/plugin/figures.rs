@@ -117,7 +117,7 @@ fn save_to_next_start(rings: u32, options: &str) {
 #[ignore = "a figure"]
 fn figures_outdated_bakes() {
     for rings in [160, 400] {
-        for options in ["priority: Lowest", "priority: Normal"] {
+        for options in ["priority: Low", "priority: Normal"] {
             save_to_next_start(rings, options);
         }
     }
@@ -158,7 +158,7 @@ fn figures_frame_times_beside_a_bake() {
     for frame in [16.7, 0.0] {
         for options in [
             "plain: true",
-            "threads: Some(1), priority: Lowest",
+            "threads: Some(1), priority: Low",
             "threads: Some(1), priority: Low",
             "threads: Some(1), priority: Normal",
             "threads: Some(2), priority: Lowest",

@@ -113,9 +113,10 @@ fn start(plugin: &SimpliguardPlugin, app: &mut App, processor: AssetProcessor, f
     // What is wrong with the file is reported with each model it is for.
     let configured = project.read().map(|file| file.project).unwrap_or_default();
     let (sender, receiver) = async_channel::unbounded();
+    let mode = mode(plugin, &configured);
     let base = FileAssetReader::get_base_path();
     let baker = Arc::new(Baker {
-        mode: mode(plugin, &configured),
+        mode,
         cache_dir: plugin.cache_dir.clone(),
         journal: Journal::new(base.join(&paths.processed)),
         activity: folders.activity().clone(),
@@ -131,7 +132,8 @@ fn start(plugin: &SimpliguardPlugin, app: &mut App, processor: AssetProcessor, f
         Err(error) => warn!("models whose bakes were interrupted have to be saved again: {error}"),
     }
     let files = Files { processor, root: base.join(&paths.source) };
-    if let Err(error) = worker::start(&baker, &files, threads(plugin, &configured), priority(plugin, &configured)) {
+    let (threads, priority) = (threads(plugin, &configured, mode), priority(plugin, &configured, mode));
+    if let Err(error) = worker::start(&baker, &files, threads, priority) {
         error!("no levels are baked: cannot start the threads: {error}");
         return;
     }
@@ -163,8 +165,10 @@ fn mode(plugin: &SimpliguardPlugin, configured: &ProjectSettings) -> BakeMode {
     })
 }
 
-fn priority(plugin: &SimpliguardPlugin, configured: &ProjectSettings) -> BakePriority {
+/// A game that waits for its bakes needs nothing for itself.
+fn priority(plugin: &SimpliguardPlugin, configured: &ProjectSettings, mode: BakeMode) -> BakePriority {
     plugin.priority.unwrap_or(match configured.priority {
+        None if mode == BakeMode::Blocking => BakePriority::Normal,
         None => BakePriority::default(),
         Some(settings::BakePriority::Lowest) => BakePriority::Lowest,
         Some(settings::BakePriority::Low) => BakePriority::Low,
@@ -172,11 +176,12 @@ fn priority(plugin: &SimpliguardPlugin, configured: &ProjectSettings) -> BakePri
     })
 }
 
-/// One core is the game's.
-fn threads(plugin: &SimpliguardPlugin, configured: &ProjectSettings) -> usize {
+/// One core is the game's, unless it waits.
+fn threads(plugin: &SimpliguardPlugin, configured: &ProjectSettings, mode: BakeMode) -> usize {
     let configured = configured.threads.map(|n| n.get() as usize);
     let cores = available_parallelism().map_or(1, |n| n.get());
-    plugin.threads.or(configured).unwrap_or(cores - 1).max(1)
+    let free = if mode == BakeMode::Blocking { cores } else { cores - 1 };
+    plugin.threads.or(configured).unwrap_or(free).max(1)
 }
 
 /// The folders of the default source, relative to the base of all asset folders.
