@@ -158,7 +158,7 @@ fn figures_frame_times_beside_a_bake() {
     for frame in [16.7, 0.0] {
         for options in [
             "plain: true",
-            "threads: Some(1), priority: Low",
+            "threads: Some(1), priority: Lowest",
             "threads: Some(1), priority: Low",
             "threads: Some(1), priority: Normal",
             "threads: Some(2), priority: Lowest",
