@@ -5,8 +5,8 @@ use glam::DVec2;
 use super::surface::{NONE, Surface};
 use crate::mesh::DisjointSets;
 
-/// Faces glued along every edge they share and that is not cut. A vertex of the mesh where the chart is pinched becomes several vertices,
-/// so a chart is always a manifold with boundary.
+/// Faces glued along every edge that they share and that is not cut. A vertex of the mesh where the chart is pinched becomes
+/// several vertices, so a chart is always a manifold with boundary.
 pub(super) struct Chart {
     /// Faces of the surface in rising order.
     pub faces: Vec<u32>,
