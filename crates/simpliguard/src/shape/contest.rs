@@ -7,7 +7,7 @@ use super::{Road, Shape};
 use crate::mesh::Topology;
 
 /// Part of a shape's faces that may pass through others before it counts as tangled.
-const MAY_INTERSECT: f64 = 0.01;
+pub(super) const MAY_INTERSECT: f64 = 0.01;
 /// A tangled shape is only taken if its score is this many times smaller than that of the best other one: one decibel.
 const TANGLED: f64 = 1.26;
 /// As [`TANGLED`]; a finer reconstruction is tried where it may come that close.
@@ -15,26 +15,21 @@ const WITHIN_REACH: f64 = 1.6;
 /// How much larger the score of a shape gets that is twice as far from the source as the closest one, as a part of it.
 const DISTANCE_WEIGHT: f64 = 0.2;
 /// As [`DISTANCE_WEIGHT`], for a shape all of whose faces pass through others.
-const CROSSING_WEIGHT: f64 = 0.3;
+const CROSSING_WEIGHT: f64 = 0.6;
 /// Handles that a shape may have and still count as one piece.
 const FEW_HANDLES: i64 = 2;
 /// Distances below this are equal, as a fraction of the diagonal of the source's bounding box.
 const EQUAL_DISTANCE: f32 = 2e-5;
 
-/// Whether more faces pass through others than may.
-pub(super) fn is_tangled(faces: usize, tangled_faces: usize) -> bool {
-    tangled_faces as f64 > MAY_INTERSECT * faces as f64
-}
-
-/// Whether the source's own triangles collapse to sound surfaces, at the largest budget one as good as any reconstruction:
-/// finer ones would only come as close as they do. `contests` have ascending budgets.
+/// Whether the source's own triangles collapse to sound surfaces that are as good as any reconstruction:
+/// finer ones would only come as close as they do.
 pub(super) fn source_serves(contests: &[Contest]) -> bool {
     let is_sound = |contest: &Contest| contest.0.iter().any(|s| s.road == Road::Source && !tangled_shape(s));
     let wins = |contest: &Contest| {
         let scored = contest.0.iter().map(|shape| (shape.road, contest.score(shape)));
         scored.min_by(|a, b| a.1.total_cmp(&b.1)).is_some_and(|(road, _)| road == Road::Source)
     };
-    contests.iter().all(is_sound) && contests.last().is_some_and(wins)
+    !contests.is_empty() && contests.iter().all(|contest| is_sound(contest) && wins(contest))
 }
 
 /// The shapes for a budget.
@@ -64,7 +59,18 @@ impl Contest {
     /// Whether a finer reconstruction may be free of the faces that pass through each other in the best shape.
     pub(super) fn wants_finer(&self) -> bool {
         let [clean, tangled] = self.best_scores();
-        tangled < clean && tangled * WITHIN_REACH >= clean
+        tangled < clean && tangled * WITHIN_REACH >= clean && self.finest_renders_best()
+    }
+
+    /// Whether of the reconstructions the finest renders best, and there are coarser ones.
+    fn finest_renders_best(&self) -> bool {
+        let reconstructions = self.0.iter().filter_map(|shape| match shape.road {
+            Road::Reconstruction(params) => Some((params.resolution, shape.render_error)),
+            _ => None,
+        });
+        let cells = || reconstructions.clone().map(|r| r.0);
+        let best = reconstructions.clone().min_by(|a, b| a.1.total_cmp(&b.1)).map(|best| best.0);
+        best == cells().max() && best > cells().min()
     }
 
     /// The best shape.
@@ -95,7 +101,7 @@ impl Contest {
 }
 
 fn tangled_shape(shape: &Shape) -> bool {
-    is_tangled(shape.mesh.triangles.len(), shape.self_intersecting)
+    shape.self_intersecting as f64 > MAY_INTERSECT * shape.mesh.triangles.len() as f64
 }
 
 #[cfg(test)]
@@ -143,14 +149,15 @@ mod tests {
     }
 
     #[test]
-    fn the_source_serves_where_it_is_sound_and_as_good_at_the_largest_budget() {
+    fn the_source_serves_where_it_is_sound_and_as_good() {
         let coarse = Road::Reconstruction(crate::reconstruct::Params::new(128));
         let contest = |reconstructed: f64, tangled: usize| {
             Contest(vec![Shape { road: coarse, ..shape(reconstructed, 1e-3, 0) }, shape(1.0, 1e-3, tangled)])
         };
-        assert!(source_serves(&[contest(0.8, 0), contest(1.2, 0)]));
+        assert!(source_serves(&[contest(1.1, 0), contest(1.2, 0)]));
         assert!(!source_serves(&[contest(1.2, 0), contest(0.8, 0)]));
         assert!(!source_serves(&[contest(1.2, 9), contest(1.2, 0)]));
+        assert!(!source_serves(&[contest(0.8, 0), contest(1.2, 0)]));
         assert!(!source_serves(&[]));
     }
 
@@ -168,9 +175,16 @@ mod tests {
     }
 
     #[test]
-    fn a_finer_surface_is_wanted_where_it_may_untangle_the_winner() {
-        let wanted =
-            |clean: f64, tangled: f64| Contest(vec![shape(clean, 1e-3, 0), shape(tangled, 1e-3, 9)]).wants_finer();
-        assert!(wanted(1.0, 0.9) && !wanted(1.0, 0.5) && !wanted(0.9, 1.0));
+    fn a_finer_surface_is_wanted_where_it_may_untangle_the_winner_and_finer_ones_render_better() {
+        let reconstructed = |cells: u32, error: f64| Shape {
+            road: Road::Reconstruction(crate::reconstruct::Params::new(cells)),
+            ..shape(error, 1e-3, 0)
+        };
+        let wanted = |coarse: f64, fine: f64, tangled: f64| {
+            Contest(vec![reconstructed(128, coarse), reconstructed(256, fine), shape(tangled, 1e-3, 9)]).wants_finer()
+        };
+        assert!(wanted(1.1, 1.0, 0.9) && !wanted(1.1, 1.0, 0.5) && !wanted(1.1, 0.9, 1.0));
+        assert!(!wanted(1.0, 1.1, 0.9));
+        assert!(!Contest(vec![reconstructed(128, 1.0), shape(0.9, 1e-3, 9)]).wants_finer());
     }
 }

@@ -6,7 +6,8 @@
 
 use glam::{Mat3, Vec3};
 
-use super::{Inputs, Params, Road, Shape, collapse_dense, visibility, weld};
+use super::dense::{DIRECTIONS, Dense};
+use super::{Inputs, Params, Road, Shape, descend, visibility, weld};
 use crate::mesh::{DisjointSets, TriMesh, bounds};
 
 /// Group of faces that are no card, and of triangles that are no leaf.
@@ -78,8 +79,7 @@ impl Foliage {
         if leaves.len() < LEAVES {
             return None;
         }
-        let pixels =
-            visibility::visible_pixels(&mesh, &inputs.frame, super::DIRECTIONS, &|_| true, inputs.cancellation);
+        let pixels = visibility::visible_pixels(&mesh, &inputs.frame, DIRECTIONS, &|_| true, inputs.cancellation);
         let mut leaf = vec![false; mesh.triangles.len()];
         leaves.iter().flatten().for_each(|&t| leaf[t as usize] = true);
         let count =
@@ -118,7 +118,7 @@ impl Foliage {
         let pixels: Vec<u32> =
             self.pixels.iter().zip(&self.is_leaf).filter(|(_, leaf)| !**leaf).map(|(&n, _)| n).collect();
         let params = Params { budgets: vec![budget], remove_invisible: false, ..params.clone() };
-        let shapes = collapse_dense(inputs, &params, Road::Cards, &kept, &pixels, true);
+        let shapes = descend(inputs, &params, Road::Cards, &Dense { mesh: kept, pixels, double_sided: true });
         shapes.into_iter().map(|s| s.mesh).find(|m| m.triangles.len() <= budget as usize).unwrap_or_default()
     }
 

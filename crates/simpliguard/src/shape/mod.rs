@@ -11,6 +11,8 @@
 mod candidates;
 mod collapse;
 mod contest;
+mod dense;
+mod descent;
 mod deviation;
 mod foliage;
 mod importance;
@@ -21,7 +23,6 @@ mod solid;
 mod visibility;
 mod weld;
 
-use glam::{Affine3A, Vec3};
 use rayon::prelude::*;
 
 use crate::mesh::{TriMesh, self_intersecting};
@@ -32,7 +33,9 @@ use crate::render::{Frame, Motions, View};
 use crate::rig::{self, Donor, Poses, Transfer};
 use crate::{Bvh, Cancellation, Context, Error, StageId};
 use collapse::Simplifier;
-use contest::{Contest, is_tangled};
+use contest::Contest;
+use dense::dense;
+use descent::{descend, from_unit_sphere, to_unit_sphere};
 
 pub use deviation::{Deviation, Gauge};
 pub use foliage::{Cards, NO_CARD};
@@ -40,18 +43,6 @@ pub use importance::Importance;
 pub use params::{JointPlanes, Params};
 pub use solid::Solid;
 pub use visibility::texel_density;
-
-/// Directions that a mesh in the rest pose is looked at from.
-const DIRECTIONS: usize = 48;
-/// Faces kept, as a multiple of the largest budget, when enclosed faces are looked for.
-const ENCLOSED_AT: usize = 4;
-/// Rings of unseen faces kept around seen ones.
-const RINGS: usize = 2;
-/// A component that deserves fewer faces than this is dropped.
-const NEGLIGIBLE_FACES: f64 = 0.75;
-
-/// Largest part of a budget that is kept for the faces along joint planes.
-const MOST_RESERVED: f64 = 0.08;
 
 /// How far vertices in one place are moved apart, as a part of the frame's radius.
 const PARTED: f32 = 2e-5;
@@ -262,222 +253,25 @@ fn walk_all(
     };
     let walked: Result<Vec<Vec<Shape>>, Error> = roads.par_iter().map(walk).collect();
     context.check(&inputs.model.name)?;
-    for shapes in walked? {
-        for (i, mut shape) in shapes.into_iter().enumerate() {
-            let (contest, budget) = (i % contests.len(), params.budgets[i % contests.len()]);
-            let faces = shape.mesh.triangles.len();
-            if faces == 0 || faces > budget as usize {
-                continue;
-            }
-            context.check(&inputs.model.name)?;
-            judges.judge(inputs, &mut shape);
-            let Shape { road, render_error: error, deviation, self_intersecting: tangled, .. } = &shape;
-            tracing::debug!(%road, budget, faces, error, distance = deviation.mean, tangled, "candidate");
-            contests[contest].enter(shape);
-        }
+    let in_budget = |(contest, shape): &(usize, Shape)| {
+        (1..=params.budgets[*contest] as usize).contains(&shape.mesh.triangles.len())
+    };
+    let by_contest = |shapes: Vec<Shape>| shapes.into_iter().enumerate().map(|(i, shape)| (i % contests.len(), shape));
+    let mut offered: Vec<(usize, Shape)> = walked?.into_iter().flat_map(by_contest).filter(in_budget).collect();
+    offered.par_iter_mut().try_for_each(|(_, shape)| {
+        judges.judge(inputs, shape);
+        context.check(&inputs.model.name)
+    })?;
+    for (contest, shape) in offered {
+        let Shape { road, render_error: error, deviation, self_intersecting: tangled, .. } = &shape;
+        let (budget, faces) = (params.budgets[contest], shape.mesh.triangles.len());
+        tracing::debug!(%road, budget, faces, error, distance = deviation.mean, tangled, "candidate");
+        contests[contest].enter(shape);
     }
     Ok(())
 }
 
 /// Shapes for each budget along a road, in their order, once or more. Reads no texture.
 fn walk(inputs: &Inputs<'_>, params: &Params, road: Road) -> Vec<Shape> {
-    let Dense { mesh, pixels, double_sided } = dense(inputs, params, road);
-    collapse_dense(inputs, params, road, &mesh, &pixels, double_sided)
-}
-
-/// Collapses a mesh to each budget; some roads offer several shapes, the second for each behind the first for all.
-fn collapse_dense(
-    inputs: &Inputs<'_>,
-    params: &Params,
-    road: Road,
-    mesh: &TriMesh,
-    pixels: &[u32],
-    double_sided: bool,
-) -> Vec<Shape> {
-    if inputs.cancellation.is_cancelled() {
-        return Vec::new();
-    }
-    let unit = to_unit_sphere(mesh, &inputs.frame);
-    let mut weights = face_weights(&unit, pixels, params.visible_weight);
-    if let Some(importance) = inputs.importance {
-        weights.iter_mut().zip(importance.of_faces(mesh, inputs.bvh)).for_each(|(weight, factor)| *weight *= factor);
-    }
-    if inputs.cancellation.is_cancelled() {
-        return Vec::new();
-    }
-    let mut simplifier = Simplifier::new(&unit, &weights, params.curvature);
-    simplifier.stop_with(inputs.cancellation);
-    let largest = params.budgets.last().copied().unwrap_or(0) as usize;
-    if params.remove_invisible {
-        simplifier.drop_negligible_components(largest, NEGLIGIBLE_FACES);
-        simplifier.run(ENCLOSED_AT * largest);
-        if inputs.cancellation.is_cancelled() {
-            return Vec::new();
-        }
-        simplifier.remove_faces(&enclosed(inputs, &simplifier.mesh(), double_sided));
-    } else if inputs.poses.is_some() {
-        simplifier.run(ENCLOSED_AT * largest);
-    }
-    if let Some(poses) = inputs.poses {
-        simplifier.follow(poses.count(), |unit| motions_in_unit_sphere(inputs, poses, unit));
-    }
-    let down = |simplifier: &mut Simplifier| down_to_budgets(simplifier, inputs, params, road, double_sided);
-    if inputs.cancellation.is_cancelled() {
-        return Vec::new();
-    }
-    let dense = simplifier.mesh();
-    let tangled = is_tangled(dense.triangles.len(), tangled_faces(&dense));
-    let mut unwatched = simplifier.clone();
-    simplifier.watch_intersections();
-    let mut shapes = down(&mut simplifier);
-    if tangled || simplifier.is_stuck() {
-        // Parts that pass through each other, and two sides of a thin sheet, may fare better where each goes its own way.
-        shapes.extend(down(&mut unwatched));
-    }
-    shapes
-}
-
-/// One shape per budget, in their order.
-fn down_to_budgets(
-    simplifier: &mut Simplifier,
-    inputs: &Inputs<'_>,
-    params: &Params,
-    road: Road,
-    double_sided: bool,
-) -> Vec<Shape> {
-    let mut shapes = Vec::new();
-    for &budget in params.budgets.iter().rev().take_while(|_| !inputs.cancellation.is_cancelled()) {
-        if params.remove_invisible {
-            simplifier.drop_negligible_components(budget as usize, NEGLIGIBLE_FACES);
-        }
-        simplifier.run(budget as usize);
-        let mesh = with_joint_planes(simplifier, inputs, &params.joint_planes, budget as usize);
-        shapes.push(Shape::unjudged(mesh, double_sided, road, None));
-    }
-    shapes.reverse();
-    shapes
-}
-
-/// What the simplifier has come down to, split along the joint planes within the budget: it goes further down by as many
-/// faces as they add.
-fn with_joint_planes(simplifier: &Simplifier, inputs: &Inputs<'_>, wanted: &JointPlanes, budget: usize) -> TriMesh {
-    let mesh = from_unit_sphere(simplifier.mesh(), &inputs.frame);
-    if wanted.planes.is_empty() {
-        return mesh;
-    }
-    let split = |mesh: &TriMesh, most: usize| {
-        rig::split_along(inputs.model, mesh, &inputs.influences(mesh), &wanted.planes, most).mesh
-    };
-    let most = mesh.triangles.len() + (MOST_RESERVED * budget as f64) as usize;
-    let reserved = split(&mesh, most).triangles.len() - mesh.triangles.len();
-    let mut lower = simplifier.clone();
-    lower.run(budget - reserved);
-    let mesh = from_unit_sphere(lower.mesh(), &inputs.frame);
-    if wanted.split { split(&mesh, budget) } else { mesh }
-}
-
-/// Motions of points in the unit sphere, there.
-fn motions_in_unit_sphere(inputs: &Inputs<'_>, poses: &Poses<'_>, unit: &[Vec3]) -> Motions {
-    let Frame { centre, radius } = inputs.frame;
-    let positions: Vec<Vec3> = unit.iter().map(|p| *p * radius + centre).collect();
-    let from_unit = Affine3A::from_translation(centre) * Affine3A::from_scale(Vec3::splat(radius));
-    poses.motions_by_closest_point(inputs.bvh, &positions).rebased(from_unit)
-}
-
-/// Which faces of a mesh in the unit sphere nothing sees: no camera in motion, and no ray from them at rest gets out.
-fn enclosed(inputs: &Inputs<'_>, unit: &TriMesh, double_sided: bool) -> Vec<bool> {
-    let mesh = from_unit_sphere(unit.clone(), &inputs.frame);
-    let mut enclosed: Vec<bool> =
-        pixels_in_motion(inputs, &mesh, &|_| double_sided).into_iter().map(|pixels| pixels == 0).collect();
-    let frame = Frame { centre: Vec3::ZERO, radius: 1.0 };
-    visibility::keep_enclosed(&mut enclosed, unit, &frame, double_sided, inputs.cancellation);
-    enclosed
-}
-
-/// A mesh before its collapse, and how many pixels see each face.
-struct Dense {
-    mesh: TriMesh,
-    pixels: Vec<u32>,
-    double_sided: bool,
-}
-
-fn dense(inputs: &Inputs<'_>, params: &Params, road: Road) -> Dense {
-    let solid = inputs.solid;
-    let (mesh, two_sided): (TriMesh, Vec<bool>) = match road {
-        Road::Reconstruction(p) => {
-            let mesh = layers::wrap(inputs, &p);
-            let faces = mesh.triangles.len();
-            (mesh, vec![false; faces])
-        }
-        // Cards begin with the source's own triangles.
-        Road::Source | Road::Cards => {
-            let (mesh, welded_from) = weld::weld(&solid.mesh.positions, &solid.mesh.triangles);
-            let two_sided =
-                welded_from.iter().map(|&t| inputs.model.material_of(solid.source[t as usize]).double_sided);
-            (mesh, two_sided.collect())
-        }
-    };
-    let pixels = visible_pixels(inputs, &mesh, &|t| two_sided[t]);
-    let sided = pixels.iter().zip(&two_sided).filter(|(_, two)| **two).map(|(&n, _)| u64::from(n)).sum::<u64>();
-    let double_sided = 2 * sided > pixels.iter().map(|&n| u64::from(n)).sum::<u64>();
-    if !params.remove_invisible || pixels.iter().all(|&n| n == 0) || inputs.cancellation.is_cancelled() {
-        return Dense { mesh, pixels, double_sided };
-    }
-    let mut seen: Vec<bool> = pixels.iter().map(|&n| n > 0).collect();
-    visibility::grow(&mesh, &mut seen, RINGS);
-    let kept = weld::cut(&mesh.filtered(|t| seen[t]));
-    let pixels = pixels.iter().zip(&seen).filter(|(_, seen)| **seen).map(|(&n, _)| n).collect();
-    Dense { mesh: kept, pixels, double_sided }
-}
-
-/// Pixels that see each face, at rest and, half as many, in motion.
-fn visible_pixels(inputs: &Inputs<'_>, mesh: &TriMesh, double_sided: &(impl Fn(usize) -> bool + Sync)) -> Vec<u32> {
-    let mut pixels = visibility::visible_pixels(mesh, &inputs.frame, DIRECTIONS, double_sided, inputs.cancellation);
-    let moving = pixels_in_motion(inputs, mesh, double_sided);
-    pixels.iter_mut().zip(moving).for_each(|(sum, n)| *sum += n);
-    pixels
-}
-
-/// Pixels that see each face in the poses, from half as many directions as at rest over all of them.
-fn pixels_in_motion(inputs: &Inputs<'_>, mesh: &TriMesh, double_sided: &(impl Fn(usize) -> bool + Sync)) -> Vec<u32> {
-    let mut pixels = vec![0; mesh.triangles.len()];
-    let Some(poses) = inputs.poses else { return pixels };
-    let directions = (DIRECTIONS / 2).div_ceil(poses.count());
-    for posed in poses.posed(mesh, &poses.motions_by_closest_point(inputs.bvh, &mesh.positions)) {
-        let frame = Frame::around(&posed.positions);
-        let seen = visibility::visible_pixels(&posed, &frame, directions, double_sided, inputs.cancellation);
-        pixels.iter_mut().zip(seen).for_each(|(sum, n)| *sum += n);
-    }
-    pixels
-}
-
-fn to_unit_sphere(mesh: &TriMesh, frame: &Frame) -> TriMesh {
-    let positions = mesh.positions.iter().map(|p| (*p - frame.centre) / frame.radius).collect();
-    TriMesh { positions, triangles: mesh.triangles.clone() }
-}
-
-fn from_unit_sphere(mesh: TriMesh, frame: &Frame) -> TriMesh {
-    let positions = mesh.positions.iter().map(|p| *p * frame.radius + frame.centre).collect();
-    TriMesh { positions, triangles: mesh.triangles }
-}
-
-/// Area of each face, scaled by how many pixels see its surroundings per area, in the mean one.
-fn face_weights(mesh: &TriMesh, pixels: &[u32], visible: f64) -> Vec<f64> {
-    let areas: Vec<f64> = (0..mesh.triangles.len()).map(|t| 0.5 * f64::from(mesh.area_vector(t).length())).collect();
-    let area: f64 = areas.iter().sum();
-    let total: f64 = pixels.iter().map(|&n| f64::from(n)).sum();
-    if total == 0.0 || area == 0.0 {
-        return areas;
-    }
-    // Pixels and area around each vertex: a face between two pixels is not weightless.
-    let mut around = vec![(0.0, 0.0); mesh.positions.len()];
-    for (t, triangle) in mesh.triangles.iter().enumerate() {
-        for &v in triangle {
-            around[v as usize].0 += f64::from(pixels[t]) / total;
-            around[v as usize].1 += areas[t] / area;
-        }
-    }
-    let density = |v: u32| around[v as usize].0 / around[v as usize].1.max(1e-12);
-    let mean = |t: &[u32; 3]| t.iter().map(|&v| density(v)).sum::<f64>() / 3.0;
-    mesh.triangles.iter().zip(&areas).map(|(t, &a)| a * ((1.0 - visible) + visible * mean(t))).collect()
+    descend(inputs, params, road, &dense(inputs, params, road))
 }

@@ -60,7 +60,7 @@ pub(super) fn visible_pixels(
 /// cameras around the mesh see, each face with its neighbours.
 pub fn texel_density(mesh: &TriMesh, frame: &Frame, double_sided: bool, cancellation: &Cancellation) -> Vec<f32> {
     let pixels = visible_pixels(mesh, frame, DENSITY_DIRECTIONS, &|_| double_sided, cancellation);
-    let weights = super::face_weights(mesh, &pixels, 1.0);
+    let weights = super::dense::face_weights(mesh, &pixels, 1.0);
     let density = |(t, weight): (usize, f64)| {
         let area = 0.5 * f64::from(mesh.area_vector(t).length());
         let density = if area > 0.0 { (weight / area).sqrt() as f32 } else { 1.0 };

@@ -42,6 +42,21 @@ impl Simplifier {
         made > 0 && self.pairs_through(tree, &after, others, limit) > self.pairs_through(tree, &before, others, limit)
     }
 
+    /// Whether more pairs of faces would pass through each other with `v` at `place`.
+    pub(super) fn moving_intersects_more(&self, v: u32, place: DVec3) -> bool {
+        let Some(tree) = &self.tree else { return false };
+        let before: Vec<(u32, [DVec3; 3])> = self.faces_of(v).map(|(f, _)| (f, self.corners(f))).collect();
+        let mut after = before.clone();
+        for ((_, k), (_, corners)) in self.faces_of(v).zip(&mut after) {
+            corners[k] = place;
+        }
+        let others = |f: u32| before.iter().all(|(g, _)| *g != f);
+        let made = self.pairs_through(tree, &after, others, 1);
+        made > 0
+            && self.pairs_through(tree, &after, others, usize::MAX)
+                > self.pairs_through(tree, &before, others, usize::MAX)
+    }
+
     /// Number of pairs that pass through each other, of `patch` with itself and with the `others`; counts up to `limit`.
     fn pairs_through(
         &self,

@@ -14,6 +14,7 @@ mod placement;
 mod queue;
 #[cfg(test)]
 mod tests;
+mod untangle;
 
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
