@@ -18,7 +18,7 @@ use crate::targets::Targets;
 use crate::{Bvh, Context, Error, PreviewSink, Source, StageId, content_hash};
 
 /// Part of every cache key: raised whenever the output of any stage changes for equal input and settings.
-pub const PIPELINE_VERSION: &str = "8";
+pub const PIPELINE_VERSION: &str = "9";
 
 /// The `opt-level` this crate was compiled with. Below `2` a bake takes many times as long.
 pub const OPT_LEVEL: &str = env!("SIMPLIGUARD_OPT_LEVEL");

@@ -221,7 +221,7 @@ mod tests {
         ];
         assert_eq!(
             (PIPELINE_VERSION, keys.map(|key| key.hex()[..16].to_owned())),
-            ("8", ["b3399d3a4db5f1f3", "6371af7bd5d5349b"].map(str::to_owned))
+            ("9", ["4ed6cb81e8ff82ea", "8528248e22b1cdf4"].map(str::to_owned))
         );
     }
 }

@@ -1,6 +1,6 @@
 //! Scores a low-poly mesh by rendering, before it has texture coordinates.
 //!
-//! Each face is divided into a few cells. The best colour of a cell is the mean of what the source shows there, over all
+//! Each face is divided into cells, as many as its part of the surface deserves. The best colour of a cell is the mean of what the source shows there, over all
 //! views; what is left after painting every cell so, together with the pixels the silhouettes disagree on, is the error
 //! that no texture of that resolution removes.
 
@@ -11,8 +11,10 @@ use crate::mesh::TriMesh;
 use crate::render::raster::{barycentric_at, barycentric_coefficients, pixel_to_ndc};
 use crate::render::{Motions, NOTHING, Raster, View};
 
-/// Cells over the whole mesh.
-const CELLS: usize = 65_536;
+/// Cells over the whole mesh, about.
+const CELLS: f32 = 65_536.0;
+/// Most cells along the side of a face.
+const MOST_ALONG: u32 = 256;
 /// Weight of the squared coverage error against those of the three colours.
 const COVERAGE_WEIGHT: f32 = 1.5;
 
@@ -64,18 +66,28 @@ struct Painter<'a> {
     mesh: &'a TriMesh,
     motions: &'a Motions,
     double_sided: bool,
-    /// Cells along the side of a face's square of barycentric coordinates.
-    side: usize,
+    /// Cells along the side of each face's square of barycentric coordinates.
+    sides: Vec<u32>,
+    /// The first cell of each face, and behind the last one how many there are.
+    first: Vec<u32>,
 }
 
 impl<'a> Painter<'a> {
     fn new(mesh: &'a TriMesh, motions: &'a Motions, double_sided: bool) -> Self {
-        let side = (CELLS as f64 / mesh.triangles.len().max(1) as f64).sqrt() as usize;
-        Self { mesh, motions, double_sided, side: side.clamp(2, 8) }
+        let areas: Vec<f32> = (0..mesh.triangles.len()).map(|t| mesh.area_vector(t).length()).collect();
+        let total = areas.iter().sum::<f32>().max(f32::MIN_POSITIVE);
+        let side = |area: &f32| ((CELLS * area / total).sqrt() as u32).clamp(1, MOST_ALONG);
+        let sides: Vec<u32> = areas.iter().map(side).collect();
+        let mut first = vec![0];
+        first.extend(sides.iter().scan(0, |sum, side| {
+            *sum += side * side;
+            Some(*sum)
+        }));
+        Self { mesh, motions, double_sided, sides, first }
     }
 
     fn cells(&self) -> usize {
-        self.mesh.triangles.len() * self.side * self.side
+        self.first[self.mesh.triangles.len()] as usize
     }
 
     /// Every pixel that the mesh or the source covers.
@@ -100,9 +112,10 @@ impl<'a> Painter<'a> {
                     continue;
                 }
                 let (b, _) = barycentric_at(&coefficients[id as usize], pixel_to_ndc(x, size), ndc_y);
-                let along = |c: f32| ((c * self.side as f32) as usize).min(self.side - 1);
-                let cell = (id as usize * self.side + along(b.x)) * self.side + along(b.y);
-                seen.push(Seen { pixel: i as u32, cell: cell as u32 });
+                let side = self.sides[id as usize];
+                let along = |c: f32| ((c * side as f32) as u32).min(side - 1);
+                let cell = self.first[id as usize] + along(b.x) * side + along(b.y);
+                seen.push(Seen { pixel: i as u32, cell });
             }
         }
         seen

@@ -8,10 +8,14 @@ use crate::mesh::Topology;
 
 /// Part of a shape's faces that may pass through others before it counts as tangled.
 pub(super) const MAY_INTERSECT: f64 = 0.01;
-/// A tangled shape is only taken if its score is this many times smaller than that of the best other one: one decibel.
+/// Part from which on it is tangled through and through.
+const TANGLED_THROUGH: f64 = 0.05;
+/// How many times smaller the score of a tangled shape must be than that of another: where it is hardly tangled, and
+/// where it is so through and through, one decibel.
+const HARDLY_TANGLED: f64 = 1.05;
 const TANGLED: f64 = 1.26;
-/// As [`TANGLED`]; a finer reconstruction is tried where it may come that close.
-const WITHIN_REACH: f64 = 1.6;
+/// A finer reconstruction is tried where the best clean score is at most this many times that of a tangled winner.
+const WITHIN_REACH: f64 = 1.27;
 /// How much larger the score of a shape gets that is twice as far from the source as the closest one, as a part of it.
 const DISTANCE_WEIGHT: f64 = 0.2;
 /// As [`DISTANCE_WEIGHT`], for a shape all of whose faces pass through others.
@@ -24,7 +28,7 @@ const EQUAL_DISTANCE: f32 = 2e-5;
 /// Whether the source's own triangles collapse to sound surfaces that are as good as any reconstruction:
 /// finer ones would only come as close as they do.
 pub(super) fn source_serves(contests: &[Contest]) -> bool {
-    let is_sound = |contest: &Contest| contest.0.iter().any(|s| s.road == Road::Source && !tangled_shape(s));
+    let is_sound = |contest: &Contest| contest.0.iter().any(|s| s.road == Road::Source && !is_tangled(s));
     let wins = |contest: &Contest| {
         let scored = contest.0.iter().map(|shape| (shape.road, contest.score(shape)));
         scored.min_by(|a, b| a.1.total_cmp(&b.1)).is_some_and(|(road, _)| road == Road::Source)
@@ -50,7 +54,7 @@ impl Contest {
     pub(super) fn wants_thick(&self) -> bool {
         let in_one_piece = |shape: &Shape| {
             let topology = Topology::of(&shape.mesh);
-            topology.components == 1 && topology.euler_characteristic >= 2 - 2 * FEW_HANDLES && !tangled_shape(shape)
+            topology.components == 1 && topology.euler_characteristic >= 2 - 2 * FEW_HANDLES && !is_tangled(shape)
         };
         let mut reconstructions = self.0.iter().filter(|shape| matches!(shape.road, Road::Reconstruction(_)));
         !reconstructions.any(in_one_piece)
@@ -58,7 +62,11 @@ impl Contest {
 
     /// Whether a finer reconstruction may be free of the faces that pass through each other in the best shape.
     pub(super) fn wants_finer(&self) -> bool {
-        let [clean, tangled] = self.best_scores();
+        let best = |tangled: bool| {
+            let scores = self.0.iter().filter(|shape| is_tangled(shape) == tangled);
+            scores.map(|shape| self.handicapped(shape)).fold(f64::INFINITY, f64::min)
+        };
+        let (clean, tangled) = (best(false), best(true));
         tangled < clean && tangled * WITHIN_REACH >= clean && self.finest_renders_best()
     }
 
@@ -75,33 +83,36 @@ impl Contest {
 
     /// The best shape.
     pub(super) fn into_best(self) -> Option<Shape> {
-        let [clean, tangled] = self.best_scores();
-        let take_tangled = tangled * TANGLED < clean || clean.is_infinite();
-        let scores: Vec<f64> = self.0.iter().map(|shape| self.score(shape)).collect();
-        let candidates = self.0.into_iter().zip(scores).filter(|(shape, _)| tangled_shape(shape) == take_tangled);
+        let scores: Vec<f64> = self.0.iter().map(|shape| self.handicapped(shape)).collect();
+        let candidates = self.0.into_iter().zip(scores);
         candidates.reduce(|best, next| if next.1 < best.1 { next } else { best }).map(|(shape, _)| shape)
     }
 
-    /// The least score of the shapes that are not tangled, and of those that are.
-    fn best_scores(&self) -> [f64; 2] {
-        [false, true].map(|tangled| {
-            let scores = self.0.iter().filter(|s| tangled_shape(s) == tangled).map(|s| self.score(s));
-            scores.fold(f64::INFINITY, f64::min)
-        })
+    /// The score with what a tangled shape has to be better by.
+    fn handicapped(&self, shape: &Shape) -> f64 {
+        if !is_tangled(shape) {
+            return self.score(shape);
+        }
+        let part = (tangled_part(shape) - MAY_INTERSECT) / (TANGLED_THROUGH - MAY_INTERSECT);
+        self.score(shape) * (HARDLY_TANGLED + (TANGLED - HARDLY_TANGLED) * part.min(1.0))
     }
 
     fn score(&self, shape: &Shape) -> f64 {
         let distance = |shape: &Shape| f64::from(shape.deviation.mean.max(EQUAL_DISTANCE));
         let closest = self.0.iter().map(distance).fold(f64::INFINITY, f64::min);
-        let tangled = shape.self_intersecting as f64 / shape.mesh.triangles.len().max(1) as f64;
         shape.render_error
             * (1.0 + DISTANCE_WEIGHT * (distance(shape) / closest - 1.0))
-            * (1.0 + CROSSING_WEIGHT * tangled)
+            * (1.0 + CROSSING_WEIGHT * tangled_part(shape))
     }
 }
 
-fn tangled_shape(shape: &Shape) -> bool {
-    shape.self_intersecting as f64 > MAY_INTERSECT * shape.mesh.triangles.len() as f64
+/// Part of the faces that pass through others.
+fn tangled_part(shape: &Shape) -> f64 {
+    shape.self_intersecting as f64 / shape.mesh.triangles.len().max(1) as f64
+}
+
+fn is_tangled(shape: &Shape) -> bool {
+    tangled_part(shape) > MAY_INTERSECT
 }
 
 #[cfg(test)]
@@ -140,6 +151,8 @@ mod tests {
         assert_eq!(winner(&[shape(1.0, 1e-3, 0), shape(0.85, 1e-3, 9)]), 1.0);
         assert_eq!(winner(&[shape(1.0, 1e-3, 1), shape(0.7, 1e-3, 9)]), 0.7);
         assert_eq!(winner(&[shape(0.85, 1e-3, 9)]), 0.85);
+        assert_eq!(winner(&[shape(1.0, 1e-3, 0), shape(0.96, 1e-3, 2)]), 1.0);
+        assert_eq!(winner(&[shape(1.0, 1e-3, 0), shape(0.85, 1e-3, 2)]), 0.85);
     }
 
     #[test]
@@ -183,8 +196,8 @@ mod tests {
         let wanted = |coarse: f64, fine: f64, tangled: f64| {
             Contest(vec![reconstructed(128, coarse), reconstructed(256, fine), shape(tangled, 1e-3, 9)]).wants_finer()
         };
-        assert!(wanted(1.1, 1.0, 0.9) && !wanted(1.1, 1.0, 0.5) && !wanted(1.1, 0.9, 1.0));
-        assert!(!wanted(1.0, 1.1, 0.9));
-        assert!(!Contest(vec![reconstructed(128, 1.0), shape(0.9, 1e-3, 9)]).wants_finer());
+        assert!(wanted(1.1, 1.0, 0.7) && !wanted(1.1, 1.0, 0.5) && !wanted(1.1, 1.0, 0.9));
+        assert!(!wanted(1.0, 1.1, 0.7));
+        assert!(!Contest(vec![reconstructed(128, 1.0), shape(0.7, 1e-3, 9)]).wants_finer());
     }
 }

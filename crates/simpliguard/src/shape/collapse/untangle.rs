@@ -13,8 +13,10 @@ use super::Simplifier;
 use crate::mesh::{Box3, crossing_pairs, pass_through};
 
 /// Most rounds over all pairs, and those after which it is given up that fewer faces cross.
-const ROUNDS: usize = 24;
-const PATIENCE: usize = 8;
+const ROUNDS: usize = 80;
+const PATIENCE: usize = 16;
+/// Over-relaxation: contacts pull at each other.
+const BEYOND: f64 = 1.5;
 /// Part of the faces above which it is not tried.
 const MOST: f64 = 0.2;
 /// Gap that is left between two faces, in the unit sphere.
@@ -104,7 +106,7 @@ impl Simplifier {
         faces.iter().map(edges).sum::<f64>() / (3 * faces.len().max(1)) as f64
     }
 
-    /// Resolves a contact, unless it is too deep or a face would turn over.
+    /// Resolves a contact, unless it is too deep. Corners that would turn a face over stay where they are.
     fn push_apart(&mut self, a: u32, b: u32, start: &[DVec3], deepest: f64, moved: &mut BTreeSet<u32>) {
         let contact = Contact::between(&self.corners(a), &self.corners(b));
         let Some(contact) = contact.filter(|contact| contact.depth <= deepest) else { return };
@@ -115,30 +117,36 @@ impl Simplifier {
                 None => parts.push((v, part)),
             }
         }
+        while let Some(places) = self.places_apart(&contact, &parts, start) {
+            let before: Vec<DVec3> = parts.iter().map(|(v, _)| self.positions[*v as usize]).collect();
+            parts.iter().zip(&places).for_each(|((v, _), place)| self.positions[*v as usize] = *place);
+            let turned: Vec<u32> =
+                parts.iter().map(|(v, _)| *v).filter(|&v| !self.is_upright_around(v, start)).collect();
+            if turned.is_empty() {
+                for ((&(v, _), place), _) in parts.iter().zip(places).zip(before).filter(|((_, p), before)| p != before)
+                {
+                    moved.extend(self.faces_of(v).map(|(f, _)| f));
+                    self.move_vertex(v, place);
+                }
+                return;
+            }
+            parts.iter().zip(before).for_each(|((v, _), place)| self.positions[*v as usize] = place);
+            parts.retain(|(v, _)| !turned.contains(v));
+        }
+    }
+
+    /// Where a contact takes the vertices that have `parts` in it; `None` if they cannot resolve it.
+    fn places_apart(&self, contact: &Contact, parts: &[(u32, f64)], start: &[DVec3]) -> Option<Vec<DVec3>> {
         // The less surface hangs on a vertex, the farther it moves.
         let lightness: Vec<f64> = parts.iter().map(|(v, _)| 1.0 / self.area_around(*v, start).max(1e-12)).collect();
         let norm: f64 = parts.iter().zip(&lightness).map(|((_, part), light)| light * part * part).sum();
-        if norm <= 0.0 {
-            return;
-        }
-        let step = contact.direction * ((contact.depth + GAP) / norm);
-        let before: Vec<DVec3> = parts.iter().map(|(v, _)| self.positions[*v as usize]).collect();
-        for (&(v, part), light) in parts.iter().zip(&lightness) {
+        let step = contact.direction * ((BEYOND * contact.depth + GAP) / norm);
+        let place = |(&(v, part), light): (&(u32, f64), &f64)| {
             let origin = start[v as usize];
             let way = self.positions[v as usize] + step * (part * light) - origin;
-            self.positions[v as usize] = origin + way.clamp_length_max(FARTHEST * self.edge_around(v, start));
-        }
-        if !parts.iter().all(|(v, _)| self.is_upright_around(*v, start)) {
-            parts.iter().zip(before).for_each(|((v, _), p)| self.positions[*v as usize] = p);
-            return;
-        }
-        for ((v, _), before) in parts.iter().zip(before) {
-            let place = self.positions[*v as usize];
-            if place != before {
-                moved.extend(self.faces_of(*v).map(|(f, _)| f));
-                self.move_vertex(*v, place);
-            }
-        }
+            origin + way.clamp_length_max(FARTHEST * self.edge_around(v, start))
+        };
+        (norm > 0.0).then(|| parts.iter().zip(&lightness).map(place).collect())
     }
 
     /// Takes vertices as far back as they can go without more pairs that cross.
