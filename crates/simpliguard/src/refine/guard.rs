@@ -13,7 +13,7 @@ const ROUNDS: usize = 8;
 const KEEP: f32 = 0.7;
 /// Parts of a mesh with more than this part of its faces in pairs that pass through each other may slide along each other:
 /// new pairs may join them, next to the old ones.
-const TANGLED: f64 = 0.05;
+const TANGLED: f64 = 0.015;
 
 /// A mesh as descent was given it.
 pub(super) struct Guard {
