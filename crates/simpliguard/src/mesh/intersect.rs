@@ -13,11 +13,6 @@ const FLAT: f64 = 1e-9;
 /// count, those that share a corner count if they meet elsewhere too; corners in one place are shared.
 pub(crate) fn intersecting_pairs(mesh: &TriMesh) -> Vec<(u32, u32)> {
     let corners: Vec<[DVec3; 3]> = (0..mesh.triangles.len()).map(|t| mesh.corners(t).map(|p| p.as_dvec3())).collect();
-    crossing_pairs(&corners)
-}
-
-/// As [`intersecting_pairs`], of triangles given by their corners.
-pub(crate) fn crossing_pairs(corners: &[[DVec3; 3]]) -> Vec<(u32, u32)> {
     let tree = FaceTree::new(corners.len(), (0..).zip(corners.iter().copied()));
     (0..corners.len() as u32)
         .into_par_iter()

@@ -10,7 +10,7 @@ use glam::Vec3;
 pub(crate) use equal::{first_equal, position_bits};
 pub(crate) use face_tree::{Box3, FaceTree};
 pub use intersect::self_intersecting;
-pub(crate) use intersect::{crossing_pairs, intersecting_pairs, pass_through};
+pub(crate) use intersect::{intersecting_pairs, pass_through};
 pub(crate) use topology::DisjointSets;
 pub use topology::{EdgeCounts, Topology};
 

@@ -1,8 +1,8 @@
 //! Scores a low-poly mesh by rendering, before it has texture coordinates.
 //!
-//! Each face is divided into cells, as many as its part of the surface deserves. The best colour of a cell is the mean of what the source shows there, over all
-//! views; what is left after painting every cell so, together with the pixels the silhouettes disagree on, is the error
-//! that no texture of that resolution removes.
+//! Each face is divided into cells, as many as its part of the surface deserves. The best colour of a cell is the mean of
+//! what the source shows there, over all views; what is left after painting every cell so, together with the pixels the
+//! silhouettes disagree on, is the error that no texture of that resolution removes.
 
 use glam::{Vec4, Vec4Swizzles};
 use rayon::prelude::*;
@@ -133,5 +133,21 @@ impl<'a> Painter<'a> {
             }
         }
         cells
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::Vec3;
+
+    #[test]
+    fn faces_have_cells_by_their_area() {
+        let positions = vec![Vec3::ZERO, Vec3::X, Vec3::Y, 4.0 * Vec3::X, 4.0 * Vec3::Y];
+        let mesh = TriMesh { positions, triangles: vec![[0, 1, 2], [0, 3, 4], [0, 1, 1]] };
+        let motions = Motions::default();
+        let painter = Painter::new(&mesh, &motions, false);
+        assert_eq!((painter.sides[0], painter.sides[1], painter.sides[2]), (62, 248, 1));
+        assert_eq!(painter.cells(), 62 * 62 + 248 * 248 + 1);
     }
 }

@@ -19,8 +19,8 @@ const MOST_RESERVED: f64 = 0.08;
 /// Depth of contacts that are resolved as a part of the mean edge, and where that is not enough.
 const SHALLOW: f64 = 0.1;
 const DEEP: f64 = 0.5;
-/// Part of the faces up to which that may be enough.
-const WITHIN_REACH: f64 = 0.06;
+/// Part of the faces up to which the latter may be enough.
+const NEARLY_CLEAN: f64 = 0.06;
 
 /// Collapses a mesh to each budget; some roads offer several shapes, the second for each behind the first for all.
 pub(super) fn descend(inputs: &Inputs<'_>, params: &Params, road: Road, dense: &Dense) -> Vec<Shape> {
@@ -29,7 +29,7 @@ pub(super) fn descend(inputs: &Inputs<'_>, params: &Params, road: Road, dense: &
     let tangled = tangled_part(&simplifier.mesh()) > MAY_INTERSECT;
     let (apart, freely) = rayon::join(|| down(Some(SHALLOW)), || tangled.then(|| down(None)));
     let Descent { mut shapes, is_stuck } = apart;
-    if shapes.iter().map(|shape| tangled_part(&shape.mesh)).any(|part| part > MAY_INTERSECT && part < WITHIN_REACH) {
+    if shapes.iter().map(|shape| tangled_part(&shape.mesh)).any(|part| part > MAY_INTERSECT && part < NEARLY_CLEAN) {
         shapes.extend(down(Some(DEEP)).shapes);
     }
     // Parts that pass through each other, and two sides of a thin sheet, may fare better where each goes its own way.

@@ -10,7 +10,7 @@ use std::collections::{BTreeSet, HashSet};
 use glam::DVec3;
 
 use super::Simplifier;
-use crate::mesh::{Box3, crossing_pairs, pass_through};
+use crate::mesh::{Box3, pass_through};
 
 /// Most rounds over all pairs, and those after which it is given up that fewer faces cross.
 const ROUNDS: usize = 80;
@@ -49,11 +49,9 @@ impl Simplifier {
     fn least_tangled(&mut self, start: &[DVec3], deepest: f64) -> Option<Vec<DVec3>> {
         let faces: Vec<u32> = self.live().collect();
         let deepest = deepest * self.mean_edge(&faces);
-        let corners: Vec<[DVec3; 3]> = faces.iter().map(|&f| self.corners(f)).collect();
-        let pairs = crossing_pairs(&corners).into_iter();
+        let mut pairs = self.pairs_of(&faces.iter().copied().collect());
         // What cannot be resolved waits until one of its faces moves.
         let mut waiting: Vec<(u32, u32)> = Vec::new();
-        let mut pairs: Vec<(u32, u32)> = pairs.map(|(a, b)| (faces[a as usize], faces[b as usize])).collect();
         let (mut fewest, mut best, mut since) = (faces_of_pairs(&pairs, &[]), None, 0);
         if fewest as f64 > MOST * faces.len() as f64 {
             return None;
@@ -81,14 +79,14 @@ impl Simplifier {
         best.or_else(|| (self.positions != start).then(|| start.to_vec()))
     }
 
-    /// Pairs that pass through each other, at least one of them in `moved`.
-    fn pairs_of(&self, moved: &BTreeSet<u32>) -> Vec<(u32, u32)> {
+    /// Pairs that pass through each other, at least one of them in `faces`.
+    fn pairs_of(&self, faces: &BTreeSet<u32>) -> Vec<(u32, u32)> {
         let mut pairs = Vec::new();
         let Some(tree) = &self.tree else { return pairs };
-        for &f in moved {
+        for &f in faces {
             let corners = self.corners(f);
             tree.any(&Box3::around(&corners), |g| {
-                if g != f && !(g < f && moved.contains(&g)) && pass_through(&corners, &self.corners(g)) {
+                if g != f && !(g < f && faces.contains(&g)) && pass_through(&corners, &self.corners(g)) {
                     pairs.push((f.min(g), f.max(g)));
                 }
                 false
