@@ -3,11 +3,11 @@
 use std::collections::HashMap;
 use std::sync::LazyLock;
 
-use simpliguard::mesh::{Topology, TriMesh};
-use simpliguard::model::{Level, LevelMesh};
-use simpliguard::render::{Camera, Frame, Light, Picture, Renderer, SurfaceSampler, fibonacci_directions};
+use simpliguard::data::{Atlas, Level, LevelMesh, TriMesh};
+use simpliguard::geometry::{BoundingSphere, Topology, fibonacci_directions};
+use simpliguard::render::{Camera, Image, Light, Renderer, SurfaceSampler};
 use simpliguard::settings::{BakeSettings, Quality};
-use simpliguard::unwrap::{Atlas, flips, overlaps};
+use simpliguard::unwrap::{flips, overlaps};
 use simpliguard::{Baked, Context, NoResources, PIPELINE_VERSION, Source, Status, bake};
 
 /// The pipeline version and the hash of the octopus baked with [`settings`]: outputs must not change without the version.
@@ -81,10 +81,10 @@ fn every_vertex_hangs_on_the_skeleton() {
 #[test]
 fn levels_look_like_the_source() {
     let source = OCTOPUS.model.as_ref().expect("imported");
-    let frame = Frame::around(&source.surface.positions);
+    let frame = BoundingSphere::around(&source.surface.positions);
     let cameras: Vec<Camera> =
         fibonacci_directions(6).into_iter().map(|d| Camera::orbit(&frame, d, 0.7, 1.02)).collect();
-    let draw = |model: &simpliguard::model::Model| -> Vec<Picture> {
+    let draw = |model: &simpliguard::data::Model| -> Vec<Image> {
         let sampler = SurfaceSampler::new(model);
         let mut renderer = Renderer::new(&sampler, 256, 2);
         cameras.iter().map(|camera| renderer.draw(camera, Light::None)).collect()
@@ -118,7 +118,7 @@ fn the_output_opens_in_the_reference_loader_with_a_scene_per_level() {
 }
 
 /// On white, in dB.
-fn psnr(a: &Picture, b: &Picture) -> f64 {
+fn psnr(a: &Image, b: &Image) -> f64 {
     let (a, b) = (a.over(1.0), b.over(1.0));
     let squared: f64 = a.iter().zip(b.iter()).map(|(x, y)| (f64::from(*x) - f64::from(*y)).powi(2)).sum();
     // Alpha is 255 in both.

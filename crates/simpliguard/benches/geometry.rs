@@ -6,13 +6,13 @@
 use divan::counter::ItemsCount;
 use divan::{Bencher, black_box};
 use glam::Vec3;
-use simpliguard::mesh::TriMesh;
-use simpliguard::model::{Material, Model, Surface};
-use simpliguard::reconstruct::{Params, reconstruct};
-use simpliguard::render::{Frame, SurfaceSampler, take_views, viewpoints};
-use simpliguard::rig::Donor;
+use simpliguard::data::{Material, Model, Reconstruction, Surface, TriMesh};
+use simpliguard::geometry::{BoundingSphere, Bvh};
+use simpliguard::reconstruct::reconstruct;
+use simpliguard::render::{SurfaceSampler, take_views, viewpoints};
 use simpliguard::settings::BakeSettings;
-use simpliguard::{Bvh, Cancellation, Context, NoResources, Source, gltf, shape};
+use simpliguard::skinning::SkinSource;
+use simpliguard::{Cancellation, Context, NoResources, Source, gltf, simplify};
 
 /// Faces left by each collapse.
 const TARGET: usize = 4000;
@@ -46,14 +46,14 @@ fn reconstruct_256(bencher: Bencher<'_, '_>, n: u32) {
     let mesh = torus(n);
     let bvh = Bvh::new(&mesh.positions, &mesh.triangles);
     bencher.counter(ItemsCount::new(mesh.triangles.len())).bench_local(|| {
-        reconstruct(&mesh.positions, &mesh.triangles, &bvh, black_box(&Params::new(256)), &Cancellation::default())
+        reconstruct(&mesh.positions, &mesh.triangles, &bvh, black_box(&Reconstruction::new(256)), &Cancellation::default())
     });
 }
 
 #[divan::bench(args = SIZES, sample_count = 5)]
 fn collapse(bencher: Bencher<'_, '_>, n: u32) {
     let mesh = torus(n);
-    bencher.counter(ItemsCount::new(mesh.triangles.len())).bench_local(|| shape::collapse(black_box(&mesh), TARGET));
+    bencher.counter(ItemsCount::new(mesh.triangles.len())).bench_local(|| simplify::collapse(black_box(&mesh), TARGET));
 }
 
 #[divan::bench(args = SIZES, sample_count = 5)]
@@ -92,24 +92,24 @@ fn shape_three_levels_of_a_model(bencher: Bencher<'_, '_>) {
 
 fn shape_of(bencher: Bencher<'_, '_>, model: &Model) {
     let surface = &model.surface;
-    let (frame, sampler) = (Frame::around(&surface.positions), SurfaceSampler::new(model));
+    let (frame, sampler) = (BoundingSphere::around(&surface.positions), SurfaceSampler::new(model));
     let views = take_views(&sampler, &viewpoints(&frame, 48, 1), 512);
-    let params = shape::Params::new(&BakeSettings::default(), &[1000, 2000, 4000]);
+    let params = simplify::Params::new(&BakeSettings::default(), &[1000, 2000, 4000]);
     bencher.counter(ItemsCount::new(surface.triangles.len())).bench_local(|| {
         let bvh = Bvh::new(&surface.positions, &surface.triangles);
-        let (solid, donor) = (shape::Solid::of(&sampler), Donor::new(model, &bvh));
-        let inputs = shape::Inputs {
+        let (solid, skin_source) = (simplify::OpaqueSurface::of(&sampler), SkinSource::new(model, &bvh));
+        let inputs = simplify::Inputs {
             model,
             bvh: &bvh,
-            donor: &donor,
-            solid: &solid,
-            gauge: &shape::Gauge::new(&solid),
+            skin_source: &skin_source,
+            opaque: &solid,
+            deviation_metric: &simplify::DeviationMetric::new(&solid),
             frame,
             views: &views,
             poses: None,
             importance: None,
             cancellation: &Cancellation::default(),
         };
-        shape::shape(black_box(&inputs), &params, &Context::default()).expect("shapes")
+        simplify::shape(black_box(&inputs), &params, &Context::default()).expect("shapes")
     });
 }

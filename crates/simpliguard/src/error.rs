@@ -8,7 +8,7 @@ use std::fmt;
 pub enum StageId {
     /// Settings are resolved and checked.
     Settings,
-    /// glTF to [`crate::model::Model`].
+    /// glTF to [`crate::data::Model`].
     Import,
     /// Watertight surface around the source.
     Reconstruct,

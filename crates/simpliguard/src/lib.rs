@@ -11,34 +11,28 @@
 //! The crate is pure: it touches neither the file system nor the network. External files of a glTF are read through
 //! [`Resources`], results are returned as bytes. [`bake`] is the whole chain.
 
-mod bvh;
-mod chain;
-mod clock;
-mod context;
+pub mod animation;
+mod cancellation;
+pub mod data;
 mod error;
+pub mod geometry;
 pub mod gltf;
-mod key;
-mod level;
-pub mod mesh;
-pub mod model;
-mod objects;
-mod pictures;
+mod pipeline;
 pub mod reconstruct;
 pub mod refine;
 pub mod render;
-pub mod rig;
 pub mod settings;
-pub mod shape;
+pub mod simplify;
+pub mod skinning;
 mod source;
-mod targets;
 pub mod texture;
 pub mod unwrap;
 
-pub use bvh::{Bvh, Hit, barycentric, closest_point};
-pub use chain::{
+pub use cancellation::Cancellation;
+pub use error::{Error, StageId};
+pub use pipeline::context::{Context, PreviewSink, Progress, ProgressSink, StageStore};
+pub use pipeline::store::key::{Key, KeyBuilder, content_hash};
+pub use pipeline::{
     Baked, LevelReport, LevelTopology, OPT_LEVEL, PIPELINE_VERSION, Report, STAGES, Stage, StageSeconds, Status, bake,
 };
-pub use context::{Cancellation, Context, PreviewSink, Progress, ProgressSink, StageStore};
-pub use error::{Error, StageId};
-pub use key::{Key, KeyBuilder, content_hash};
 pub use source::{NoResources, RelativeUri, Resources, Source};

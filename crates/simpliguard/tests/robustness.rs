@@ -4,7 +4,8 @@ use std::f32::consts::TAU;
 
 use glam::Vec3;
 use proptest::prelude::*;
-use simpliguard::mesh::{Topology, TriMesh};
+use simpliguard::data::TriMesh;
+use simpliguard::geometry::Topology;
 use simpliguard::settings::{BakeSettings, Quality, Resolution};
 use simpliguard::{Baked, Context, Error, NoResources, Source, Status, bake};
 

@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 
 use bytes::Bytes;
 use image::{ImageFormat, Rgb, RgbImage};
-use simpliguard::model::Level;
+use simpliguard::data::Level;
 use simpliguard::settings::{BakeSettings, Quality, Resolution, SourceGeometry};
 use simpliguard::{Baked, Context, Error, Key, PreviewSink, RelativeUri, Resources, Source, StageStore, bake};
 
@@ -126,7 +126,7 @@ impl Resources for Ball {
     }
 }
 
-/// Two roads and two levels.
+/// Two candidates and two levels.
 fn settings() -> BakeSettings {
     BakeSettings {
         faces: vec![100, 200],
@@ -151,7 +151,7 @@ fn assert_as_cold(ball: &Ball, settings: &BakeSettings, store: &Store) -> Counts
 #[test]
 fn later_stages_find_the_shapes_again() {
     let (ball, store) = (Ball::new([200, 0, 0]), Store::default());
-    // Two roads and the shapes they lead to; an atlas and the vertices, the latter twice, for each level.
+    // Two candidates and the shapes they lead to; an atlas and the vertices, the latter twice, for each level.
     assert_eq!(assert_as_cold(&ball, &settings(), &store), Counts { found: 0, stored: 9 });
     let finish = [
         settings(),
@@ -234,7 +234,7 @@ fn a_change_of_form_finds_nothing() {
     bin[at..at + 4].copy_from_slice(&0.5f32.to_le_bytes());
     ball.bin = bin.into();
     assert_eq!(assert_as_cold(&ball, &settings(), &store), Counts { found: 0, stored: 9 });
-    // Nor does a setting that all roads read.
+    // Nor does a setting that all candidates read.
     let changed = BakeSettings { visible_weight: 0.5, ..settings() };
     assert_eq!(assert_as_cold(&ball, &changed, &store).found, 0);
 }

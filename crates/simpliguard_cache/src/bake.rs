@@ -3,8 +3,8 @@
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
+use simpliguard::data::{Level, Model};
 use simpliguard::gltf::{export_level, external_uris};
-use simpliguard::model::{Level, Model};
 use simpliguard::settings::BakeSettings;
 use simpliguard::{Context, Error, PIPELINE_VERSION, Report, Source, StageId};
 

@@ -7,8 +7,8 @@ use std::time::Instant;
 
 use image::{ImageFormat, RgbImage};
 use rayon::{ThreadPool, ThreadPoolBuilder};
+use simpliguard::data::{Level, Model};
 use simpliguard::gltf::{Limits, import};
-use simpliguard::model::{Level, Model};
 use simpliguard::settings::BakeSettings;
 use simpliguard::{Cancellation, Context, Error, NoResources, Source, StageId, StageStore};
 use simpliguard_cache::{

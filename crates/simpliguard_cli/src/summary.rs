@@ -8,9 +8,8 @@ use std::time::Duration;
 use serde::Serialize;
 use simpliguard::{LevelReport, Report, Status};
 
-use crate::UsageError;
-use crate::console;
 use crate::plan::Job;
+use crate::{UsageError, console};
 
 /// Version of the JSON document; raised when a field changes its meaning or goes away.
 const DOCUMENT_VERSION: u32 = 1;

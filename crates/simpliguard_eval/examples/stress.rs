@@ -8,17 +8,17 @@ use std::error::Error;
 use std::path::{Path, PathBuf};
 
 use image::{Rgb, RgbImage, imageops};
-use simpliguard::mesh::TriMesh;
-use simpliguard::model::{Level, Model};
-use simpliguard::render::{Camera, Frame, Light, Renderer, SurfaceSampler};
-use simpliguard::rig::Joints;
+use simpliguard::animation::Skeleton;
+use simpliguard::data::{Level, Model, TriMesh};
+use simpliguard::geometry::BoundingSphere;
+use simpliguard::render::{Camera, Light, Renderer, SurfaceSampler};
 use simpliguard::settings::{BakeSettings, JointPlanes};
 use simpliguard::{Context, NoResources, Source, bake};
 use simpliguard_eval::stress::{Bend, Hinge, bends, bent, hinges};
 
 /// Side of one picture in pixels.
 const TILE: usize = 320;
-/// Hinges in the picture: those at which the levels differ most.
+/// Hinges in the image: those at which the levels differ most.
 const SHOWN: usize = 6;
 /// Half of what a picture shows, in radii of the bend.
 const VIEW: f32 = 4.0;
@@ -108,7 +108,7 @@ fn stress(file: &Path, arguments: &Arguments) -> Result<Vec<RgbImage>, Box<dyn E
     let gain = |&i: &usize| (of_levels[0][i].volume_loss - of_levels[1][i].volume_loss).abs();
     shown.sort_by(|a, b| gain(b).total_cmp(&gain(a)));
     let levels: Vec<&Level> = made.iter().map(|(_, level)| level).collect();
-    Ok(shown.iter().take(SHOWN).map(|&i| picture(model, &levels, &hinges[i], arguments.angle)).collect())
+    Ok(shown.iter().take(SHOWN).map(|&i| image(model, &levels, &hinges[i], arguments.angle)).collect())
 }
 
 fn mesh(positions: &[glam::Vec3], triangles: &[[u32; 3]]) -> TriMesh {
@@ -132,12 +132,12 @@ fn row(name: &str, planes: &str, faces: usize, found: &[Bend], source: &[Bend]) 
 
 /// A hinge bent, seen along its axis from the side that nothing hides: the source, the level without and the level with
 /// joint planes.
-fn picture(model: &Model, levels: &[&Level], hinge: &Hinge, angle: f32) -> RgbImage {
+fn image(model: &Model, levels: &[&Level], hinge: &Hinge, angle: f32) -> RgbImage {
     let source = bent(model, hinge, angle, &model.surface.positions, &model.surface.influences);
-    let whole = Frame::around(&source);
-    let centre = Joints::of(model).map_or(whole.centre, |joints| joints.place(hinge.joint));
+    let whole = BoundingSphere::around(&source);
+    let centre = Skeleton::of(model).map_or(whole.centre, |joints| joints.place(hinge.joint));
     let side = if hinge.axis.dot(centre - whole.centre) < 0.0 { -hinge.axis } else { hinge.axis };
-    let frame = Frame { centre, radius: whole.radius + centre.distance(whole.centre) };
+    let frame = BoundingSphere { centre, radius: whole.radius + centre.distance(whole.centre) };
     let camera = Camera::orbit(&frame, side, 0.6, VIEW * hinge.radius / frame.radius);
     let mut out = RgbImage::from_pixel((levels.len() as u32 + 1) * TILE as u32, TILE as u32, Rgb([255; 3]));
     let mut draw = |column: usize, model: &Model, positions: &[glam::Vec3]| {

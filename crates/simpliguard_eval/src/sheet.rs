@@ -3,8 +3,9 @@
 use glam::Vec3;
 use image::{DynamicImage, Rgb, RgbImage, imageops};
 use rayon::prelude::*;
-use simpliguard::model::{Level, Model};
-use simpliguard::render::{Camera, Frame, Light, Picture, Renderer, SurfaceSampler};
+use simpliguard::data::{Level, Model};
+use simpliguard::geometry::BoundingSphere;
+use simpliguard::render::{Camera, Image, Light, Renderer, SurfaceSampler};
 
 /// Side of one picture in pixels.
 const TILE: usize = 384;
@@ -21,7 +22,7 @@ const ENLARGED: i16 = 3;
 /// behind it (three times enlarged; white where there is none). Rows: four sides unlit, then the same lit.
 pub fn contact_sheet(model: &Model, levels: &[Level]) -> RgbImage {
     let models: Vec<Model> = levels.iter().rev().map(|level| level.to_model(&model.name)).collect();
-    let frame = Frame::around(&model.surface.positions);
+    let frame = BoundingSphere::around(&model.surface.positions);
     let drawn: Vec<Vec<RgbImage>> =
         std::iter::once(model).chain(&models).collect::<Vec<_>>().par_iter().map(|model| draw(model, &frame)).collect();
     let mut columns = Vec::new();
@@ -37,7 +38,7 @@ pub fn contact_sheet(model: &Model, levels: &[Level]) -> RgbImage {
 /// A column for each model, with the rows of [`contact_sheet`], all framed as the first.
 pub fn side_by_side(models: &[&Model]) -> RgbImage {
     let Some(first) = models.first() else { return RgbImage::new(0, 0) };
-    let frame = Frame::around(&first.surface.positions);
+    let frame = BoundingSphere::around(&first.surface.positions);
     lay_out(&models.par_iter().map(|model| draw(model, &frame)).collect::<Vec<_>>())
 }
 
@@ -65,7 +66,7 @@ fn difference(a: &RgbImage, b: &RgbImage) -> RgbImage {
     })
 }
 
-fn draw(model: &Model, frame: &Frame) -> Vec<RgbImage> {
+fn draw(model: &Model, frame: &BoundingSphere) -> Vec<RgbImage> {
     let sampler = SurfaceSampler::new(model);
     let mut renderer = Renderer::new(&sampler, TILE, 2);
     let mut pictures = Vec::new();
@@ -79,8 +80,8 @@ fn draw(model: &Model, frame: &Frame) -> Vec<RgbImage> {
 }
 
 /// Over the background.
-pub(crate) fn shown(picture: &Picture) -> RgbImage {
-    DynamicImage::ImageRgba8(picture.over(BACKGROUND)).to_rgb8()
+pub(crate) fn shown(image: &Image) -> RgbImage {
+    DynamicImage::ImageRgba8(image.over(BACKGROUND)).to_rgb8()
 }
 
 #[cfg(test)]

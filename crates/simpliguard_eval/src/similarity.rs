@@ -2,8 +2,9 @@
 
 use glam::{Vec3, Vec4Swizzles};
 use rayon::prelude::*;
-use simpliguard::model::Model;
-use simpliguard::render::{Frame, Light, Picture, Renderer, SurfaceSampler, viewpoints};
+use simpliguard::data::Model;
+use simpliguard::geometry::BoundingSphere;
+use simpliguard::render::{Image, Light, Renderer, SurfaceSampler, viewpoints};
 
 /// Side of one view in pixels.
 const SIZE: usize = 512;
@@ -27,7 +28,7 @@ pub struct Similarity {
 
 /// Compares two models from `views` directions around the first.
 pub fn similarity(source: &Model, level: &Model, views: usize, light: Light) -> Similarity {
-    let cameras = viewpoints(&Frame::around(&source.surface.positions), views, SEED);
+    let cameras = viewpoints(&BoundingSphere::around(&source.surface.positions), views, SEED);
     let samplers = [source, level].map(SurfaceSampler::new);
     let renderers = || [0, 1].map(|i| Renderer::new(&samplers[i], SIZE, 2));
     let compared: Vec<Similarity> = cameras
@@ -41,7 +42,7 @@ pub fn similarity(source: &Model, level: &Model, views: usize, light: Light) -> 
     Similarity { psnr: mean(|s| s.psnr), psnr_foreground: mean(|s| s.psnr_foreground), ssim: mean(|s| s.ssim) }
 }
 
-fn compare(a: &Picture, b: &Picture) -> Similarity {
+fn compare(a: &Image, b: &Image) -> Similarity {
     let [x, y] = [a, b].map(on_white);
     let errors: Vec<f64> = x.iter().zip(&y).map(|(x, y)| f64::from((*x - *y).length_squared()) / 3.0).collect();
     let touched = |i: usize| a.pixels[i][3] > 0 || b.pixels[i][3] > 0;
@@ -58,12 +59,12 @@ fn compare(a: &Picture, b: &Picture) -> Similarity {
     }
 }
 
-fn on_white(picture: &Picture) -> Vec<Vec3> {
+fn on_white(image: &Image) -> Vec<Vec3> {
     let white = |i: usize| {
-        let pixel = picture.at(i);
+        let pixel = image.at(i);
         pixel.xyz() + (1.0 - pixel.w)
     };
-    (0..picture.pixels.len()).map(white).collect()
+    (0..image.pixels.len()).map(white).collect()
 }
 
 fn decibels(error: f64) -> f64 {
@@ -110,8 +111,8 @@ fn blur(plane: &[f32], size: usize) -> Vec<f32> {
 mod tests {
     use super::*;
 
-    fn grey(values: impl Fn(usize) -> u8, alpha: u8) -> Picture {
-        Picture { size: 32, pixels: (0..32 * 32).map(|i| [values(i), values(i), values(i), alpha]).collect() }
+    fn grey(values: impl Fn(usize) -> u8, alpha: u8) -> Image {
+        Image { size: 32, pixels: (0..32 * 32).map(|i| [values(i), values(i), values(i), alpha]).collect() }
     }
 
     #[test]
@@ -126,11 +127,11 @@ mod tests {
     fn errors_count_by_the_pixels_they_are_spread_over() {
         // A quarter is covered and a tenth of full scale too dark.
         let square = |value: u8| {
-            let mut picture = grey(|_| 0, 0);
+            let mut image = grey(|_| 0, 0);
             (0..32 * 32)
                 .filter(|i| i % 32 < 16 && i / 32 < 16)
-                .for_each(|i| picture.pixels[i] = [value, value, value, 255]);
-            picture
+                .for_each(|i| image.pixels[i] = [value, value, value, 255]);
+            image
         };
         let found = compare(&square(204), &square(178));
         let expected = -20.0 * (26.0f64 / 255.0).log10();

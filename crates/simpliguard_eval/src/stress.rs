@@ -8,9 +8,9 @@ use std::f64::consts::PI;
 
 use glam::{DVec3, Quat, Vec3};
 use rayon::prelude::*;
-use simpliguard::mesh::{TriMesh, self_intersecting};
-use simpliguard::model::{Influences, Model};
-use simpliguard::rig::{Joints, Skinning};
+use simpliguard::animation::{LinearBlend, Skeleton};
+use simpliguard::data::{Influences, Model, TriMesh};
+use simpliguard::geometry::self_intersecting;
 
 /// Weight on either side of a hinge from which on a vertex belongs to the bend.
 const BLENDED: f32 = 0.02;
@@ -19,7 +19,7 @@ const LEAST_AREA: f64 = 0.005;
 /// One hinge.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Hinge {
-    /// Number of its joint in [`Joints`].
+    /// Number of its joint in [`Skeleton`].
     pub joint: usize,
     /// What it turns around.
     pub axis: Vec3,
@@ -38,7 +38,7 @@ pub struct Bend {
 
 /// The hinges of a model: joints that hang on another, with a part of the surface between the two.
 pub fn hinges(model: &Model) -> Vec<Hinge> {
-    let Some(joints) = Joints::of(model) else { return Vec::new() };
+    let Some(joints) = Skeleton::of(model) else { return Vec::new() };
     let surface = &model.surface;
     let mesh = TriMesh { positions: surface.positions.clone(), triangles: surface.triangles.clone() };
     let least = LEAST_AREA * area(&mesh, 0..mesh.triangles.len());
@@ -69,7 +69,9 @@ fn area(mesh: &TriMesh, faces: impl IntoIterator<Item = usize>) -> f64 {
 
 /// The positions of a mesh in the rest pose, moved by a turn of one hinge by `angle`, in radians.
 pub fn bent(model: &Model, hinge: &Hinge, angle: f32, positions: &[Vec3], influences: &[Influences]) -> Vec<Vec3> {
-    let (Some(joints), Some(skinning)) = (Joints::of(model), Skinning::of(model)) else { return positions.to_vec() };
+    let (Some(joints), Some(skinning)) = (Skeleton::of(model), LinearBlend::of(model)) else {
+        return positions.to_vec();
+    };
     let pose = joints.turned(hinge.joint, Quat::from_axis_angle(hinge.axis, angle));
     let motions = skinning.motions(&skinning.bones(&pose), influences);
     positions.iter().zip(motions).map(|(p, motion)| motion.transform_point3(*p)).collect()
@@ -77,7 +79,7 @@ pub fn bent(model: &Model, hinge: &Hinge, angle: f32, positions: &[Vec3], influe
 
 /// What becomes of a mesh in the rest pose as each hinge is turned by `angle`, in radians, in their order.
 pub fn bends(model: &Model, hinges: &[Hinge], angle: f32, mesh: &TriMesh, influences: &[Influences]) -> Vec<Bend> {
-    let Some(joints) = Joints::of(model) else { return Vec::new() };
+    let Some(joints) = Skeleton::of(model) else { return Vec::new() };
     let before = self_intersecting(mesh);
     let one = |hinge: &Hinge| {
         let bend = bend_at(&joints, hinge.joint, mesh, influences);
@@ -95,7 +97,7 @@ pub fn bends(model: &Model, hinges: &[Hinge], angle: f32, mesh: &TriMesh, influe
 }
 
 /// The faces that a turn of the joint deforms.
-fn bend_at(joints: &Joints<'_>, joint: usize, mesh: &TriMesh, influences: &[Influences]) -> Vec<usize> {
+fn bend_at(joints: &Skeleton<'_>, joint: usize, mesh: &TriMesh, influences: &[Influences]) -> Vec<usize> {
     let hanging: Vec<f32> = influences
         .iter()
         .map(|i| {
@@ -125,7 +127,7 @@ mod tests {
     use std::f32::consts::{FRAC_PI_2, TAU};
 
     use glam::Mat4;
-    use simpliguard::model::{Bone, Rig, Surface};
+    use simpliguard::data::{Bone, Rig, Surface};
 
     use super::*;
 

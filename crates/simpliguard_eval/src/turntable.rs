@@ -3,8 +3,9 @@
 use glam::Vec3;
 use image::RgbImage;
 use rayon::prelude::*;
-use simpliguard::model::Model;
-use simpliguard::render::{Camera, Frame, Light, Renderer, SurfaceSampler};
+use simpliguard::data::Model;
+use simpliguard::geometry::BoundingSphere;
+use simpliguard::render::{Camera, Light, Renderer, SurfaceSampler};
 
 use crate::sheet::{lay_out, shown};
 
@@ -27,7 +28,7 @@ pub struct TurntableError(#[from] png::EncodingError);
 /// # Errors
 /// If it is too large for a PNG.
 pub fn turntable(source: &Model, levels: &[Model]) -> Result<Vec<u8>, TurntableError> {
-    let frame = Frame::around(&source.surface.positions);
+    let frame = BoundingSphere::around(&source.surface.positions);
     let columns: Vec<Vec<[RgbImage; 2]>> =
         std::iter::once(source).chain(levels).map(|model| turn(model, &frame)).collect();
     let frames = (0..FRAMES as usize).map(|i| {
@@ -38,7 +39,7 @@ pub fn turntable(source: &Model, levels: &[Model]) -> Result<Vec<u8>, TurntableE
 }
 
 /// Unlit and lit, from all sides.
-fn turn(model: &Model, frame: &Frame) -> Vec<[RgbImage; 2]> {
+fn turn(model: &Model, frame: &BoundingSphere) -> Vec<[RgbImage; 2]> {
     let sampler = SurfaceSampler::new(model);
     let draw = |renderer: &mut Renderer<'_>, i: u32| {
         let angle = i as f32 / FRAMES as f32 * std::f32::consts::TAU;

@@ -9,13 +9,12 @@ use glam::{IVec3, Vec3, Vec3A, Vec4};
 use rayon::prelude::*;
 
 use super::triangle::{Facet, Points};
-use super::{BRICK, BRICK_SAMPLES, Brick, Grid, NO_BRICK, Params};
+use super::{BRICK, BRICK_SAMPLES, Brick, Grid, NO_BRICK};
 use crate::Cancellation;
-use crate::bvh::closest_point;
-use crate::mesh::bounds;
+use crate::data::Reconstruction;
+use crate::data::bounds;
+use crate::geometry::closest_point;
 
-/// Empty samples around the source on every side.
-const MARGIN: f32 = 6.0;
 /// Width of the band beyond the surface level that has bricks: every cell that may change sign lies within.
 const BAND: f32 = 2.5;
 /// Width of the band beyond the surface level that has distances: both ends of every edge that crosses it.
@@ -57,11 +56,16 @@ struct Lists {
 }
 
 /// Samples the distance field; inside flags are all unset.
-pub(super) fn build(positions: &[Vec3], triangles: &[[u32; 3]], params: &Params, cancellation: &Cancellation) -> Grid {
+pub(super) fn build(
+    positions: &[Vec3],
+    triangles: &[[u32; 3]],
+    params: &Reconstruction,
+    cancellation: &Cancellation,
+) -> Grid {
     let used: Vec<Vec3> = triangles.iter().flatten().map(|&v| positions[v as usize]).collect();
     let (low, high) = bounds(&used);
     let samples = params.resolution as i32;
-    let spacing = spacing((high - low).max_element(), params.resolution);
+    let spacing = params.spacing((high - low).max_element());
     let centre = Vec3A::from((low + high) * 0.5);
     let middle = (samples - 1) as f32 * 0.5;
     let to_cells = |v: u32| (Vec3A::from(positions[v as usize]) - centre) / spacing + middle;
@@ -96,16 +100,6 @@ pub(super) fn build(positions: &[Vec3], triangles: &[[u32; 3]], params: &Params,
     grid
 }
 
-/// Distance between samples for a source whose longest side is `extent`.
-pub(super) fn spacing(extent: f32, resolution: u32) -> f32 {
-    extent.max(f32::MIN_POSITIVE * 1e6) / (resolution as f32 - 2.0 * MARGIN)
-}
-
-/// Least resolution with that spacing or a smaller one.
-pub(super) fn resolution(extent: f32, spacing: f32) -> u32 {
-    (extent / spacing + 2.0 * MARGIN).ceil() as u32
-}
-
 impl Descent<'_> {
     /// Nodes of [`TASK`] samples that a triangle's box touches, with those triangles.
     fn tasks(&self, samples: i32) -> Vec<(IVec3, Vec<u32>)> {
@@ -134,12 +128,12 @@ impl Descent<'_> {
     fn bricks_of_task(&self, origin: IVec3, list: Vec<u32>) -> Vec<Brick> {
         let mut lists = Lists { distances: vec![0.0; list.len()], triangles: list };
         let mut bricks = Vec::new();
-        self.descend(origin, TASK, 0, &mut lists, &mut bricks);
+        self.simplify_to_budgets(origin, TASK, 0, &mut lists, &mut bricks);
         bricks
     }
 
     /// Handles a node of at least a brick, whose candidates are `lists[start..]`.
-    fn descend(&self, origin: IVec3, size: i32, start: usize, lists: &mut Lists, bricks: &mut Vec<Brick>) {
+    fn simplify_to_budgets(&self, origin: IVec3, size: i32, start: usize, lists: &mut Lists, bricks: &mut Vec<Brick>) {
         let end = lists.triangles.len();
         if self.narrow(origin, size, self.offset + BAND, start, lists) {
             let half = size / 2;
@@ -151,7 +145,7 @@ impl Descent<'_> {
                 bricks.push(Brick { coordinate: origin >> IVec3::splat(3), distance, inside: [0; BRICK] });
             } else {
                 for child in 0..8 {
-                    self.descend(origin + octant(child) * half, half, end, lists, bricks);
+                    self.simplify_to_budgets(origin + octant(child) * half, half, end, lists, bricks);
                 }
             }
         }

@@ -24,8 +24,9 @@ mod triangle;
 
 use glam::{IVec3, Vec3, Vec3A};
 
-use crate::mesh::TriMesh;
-use crate::{Bvh, Cancellation};
+use crate::Cancellation;
+use crate::data::{Reconstruction, TriMesh};
+use crate::geometry::Bvh;
 
 /// Samples along the side of a brick.
 const BRICK: usize = 8;
@@ -34,47 +35,12 @@ const BRICK_SAMPLES: usize = BRICK * BRICK * BRICK;
 /// Index of a brick that holds no samples.
 const NO_BRICK: u32 = u32::MAX;
 
-/// How to reconstruct.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Params {
-    /// Cells along the longest side, a multiple of 8, at least 32.
-    pub resolution: u32,
-    /// Distance of the surface from the source in cells before it is pulled back; above 0.5.
-    pub offset: f32,
-    /// Part of the distance to the source that is kept after the pull, where its sides must stay apart.
-    pub keep: f32,
-}
-
-impl Params {
-    /// The usual offset and pull at a resolution.
-    pub fn new(resolution: u32) -> Self {
-        Self { resolution: resolution.next_multiple_of(8).max(32), offset: 0.55, keep: 0.2 }
-    }
-
-    /// Far enough from the source that parts which lie close together grow into one: few handles.
-    pub fn thick(resolution: u32) -> Self {
-        Self { offset: 1.5, ..Self::new(resolution) }
-    }
-
-    /// Side of a cell in metres, for a mesh all of whose vertices are in use.
-    pub fn cell(&self, mesh: &TriMesh) -> f32 {
-        let (low, high) = mesh.bounds();
-        field::spacing((high - low).max_element(), self.resolution)
-    }
-
-    /// The resolution at which a part of `whole` has cells of about the same size, none larger.
-    pub fn resolution_for(&self, whole: &TriMesh, part: &TriMesh) -> u32 {
-        let (low, high) = part.bounds();
-        field::resolution((high - low).max_element(), self.cell(whole)).next_multiple_of(8).clamp(32, self.resolution)
-    }
-}
-
 /// Wraps the triangles of `bvh`, given again as indexed positions. Empty for an empty source; unfinished if cancelled.
 pub fn reconstruct(
     positions: &[Vec3],
     triangles: &[[u32; 3]],
     bvh: &Bvh,
-    params: &Params,
+    params: &Reconstruction,
     cancellation: &Cancellation,
 ) -> TriMesh {
     if triangles.is_empty() {
@@ -194,12 +160,12 @@ fn cell_mask(block: &[bool; 729], x: usize, y: usize, z: usize) -> u8 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::mesh::Topology;
+    use crate::geometry::Topology;
     use proptest::prelude::*;
 
     fn wrap(mesh: &TriMesh, resolution: u32) -> TriMesh {
         let bvh = Bvh::new(&mesh.positions, &mesh.triangles);
-        reconstruct(&mesh.positions, &mesh.triangles, &bvh, &Params::new(resolution), &Cancellation::default())
+        reconstruct(&mesh.positions, &mesh.triangles, &bvh, &Reconstruction::new(resolution), &Cancellation::default())
     }
 
     fn volume(mesh: &TriMesh) -> f32 {

@@ -4,7 +4,7 @@ use glam::{IVec3, Vec3, Vec3A};
 use rayon::prelude::*;
 
 use super::{BRICK, BRICK_SAMPLES, Grid, cell_mask};
-use crate::mesh::TriMesh;
+use crate::data::TriMesh;
 
 /// The twelve edges of a cell as pairs of corners.
 const EDGES: [(usize, usize); 12] =

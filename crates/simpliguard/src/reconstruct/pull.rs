@@ -4,8 +4,9 @@ use glam::Vec3;
 use rayon::prelude::*;
 
 use super::Grid;
-use crate::mesh::TriMesh;
-use crate::{Bvh, Cancellation, Hit};
+use crate::Cancellation;
+use crate::data::TriMesh;
+use crate::geometry::{Bvh, Hit};
 
 /// Part of its distance that a vertex keeps over a solid: enough that no face loses its area at a corner that many
 /// vertices are pulled to.

@@ -80,7 +80,7 @@ impl Facet {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::bvh::closest_point;
+    use crate::geometry::closest_point;
     use proptest::prelude::*;
 
     fn point() -> impl Strategy<Value = Vec3A> {

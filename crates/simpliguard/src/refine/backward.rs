@@ -3,9 +3,9 @@
 use glam::{Mat4, Vec2, Vec3, Vec4, Vec4Swizzles};
 
 use super::LowPoly;
-use super::forward::{Blend, Frame, Lookup};
+use super::forward::{Blend, FrameBuffers, Lookup};
 use crate::render::raster::{pixel_to_ndc, to_pixels};
-use crate::render::{NOTHING, Picture};
+use crate::render::{EMPTY_PIXEL, Image};
 
 /// Gradients of one view, reused from step to step.
 #[derive(Default)]
@@ -18,7 +18,7 @@ pub(super) struct Gradients {
     pub(super) posed: Vec<Vec3>,
     /// In world space, in the rest pose.
     pub(super) positions: Vec<Vec3>,
-    /// At the texels; their fourth lane has none.
+    /// At the texels; their fourth slot has none.
     pub(super) texels: Vec<Vec4>,
 }
 
@@ -29,7 +29,7 @@ impl Gradients {
         low: &LowPoly,
         view_projection: &Mat4,
         pose: Option<usize>,
-        frame: &Frame,
+        frame: &FrameBuffers,
         image: &[Vec4],
     ) {
         self.clip.clear();
@@ -50,7 +50,7 @@ impl Gradients {
 
     /// Carries `image` to the texels, from pixels that lie wholly on the level and, by `target`, on the source: others hold
     /// background.
-    pub(super) fn run_texture(&mut self, low: &LowPoly, frame: &Frame, target: &Picture, image: &[Vec4]) {
+    pub(super) fn run_texture(&mut self, low: &LowPoly, frame: &FrameBuffers, target: &Image, image: &[Vec4]) {
         self.texels.clear();
         self.texels.resize(low.texels.len(), Vec4::ZERO);
         self.take(frame, image);
@@ -63,7 +63,7 @@ impl Gradients {
             for x in frame.rect.columns() {
                 let i = y * frame.size + x;
                 let id = frame.raster.ids[i];
-                if id == NOTHING || target.pixels[i][3] != 255 {
+                if id == EMPTY_PIXEL || target.pixels[i][3] != 255 {
                     continue;
                 }
                 let lookup = Lookup::new(frame.uv_at(low, id as usize, x, ndc_y).0, low.size);
@@ -76,7 +76,7 @@ impl Gradients {
     }
 
     /// Begins with the gradient at the antialiased pixels.
-    fn take(&mut self, frame: &Frame, image: &[Vec4]) {
+    fn take(&mut self, frame: &FrameBuffers, image: &[Vec4]) {
         self.base.resize(image.len(), Vec4::ZERO);
         for y in frame.rect.rows() {
             let row = y * frame.size;
@@ -85,7 +85,7 @@ impl Gradients {
         }
     }
 
-    fn unblend(&mut self, frame: &Frame, image: &[Vec4]) {
+    fn unblend(&mut self, frame: &FrameBuffers, image: &[Vec4]) {
         self.take(frame, image);
         for blend in &frame.blends {
             let (near, far) = (blend.near as usize, blend.far as usize);
@@ -105,7 +105,7 @@ impl Gradients {
     }
 
     /// Carries the gradient of a crossing's coordinate to the two ends of its edge.
-    fn move_edge(&mut self, frame: &Frame, blend: &Blend, gradient: f32) {
+    fn move_edge(&mut self, frame: &FrameBuffers, blend: &Blend, gradient: f32) {
         let swap = |v: Vec2| if blend.horizontal { v } else { Vec2::new(v.y, v.x) };
         let clip = blend.vertices.map(|v| frame.clip[v as usize]);
         let [a, b] = clip.map(|c| swap(to_pixels(c, frame.size).truncate()));
@@ -123,10 +123,10 @@ impl Gradients {
         }
     }
 
-    fn unshade(&mut self, low: &LowPoly, frame: &Frame) {
+    fn unshade(&mut self, low: &LowPoly, frame: &FrameBuffers) {
         for y in frame.rect.rows() {
             let ndc_y = pixel_to_ndc(y, frame.size);
-            let mut last = NOTHING;
+            let mut last = EMPTY_PIXEL;
             let mut sums = [Vec3::ZERO; 3];
             for x in frame.rect.columns() {
                 let i = y * frame.size + x;
@@ -135,7 +135,7 @@ impl Gradients {
                     self.flush(low, last, &mut sums);
                     last = id;
                 }
-                if id != NOTHING {
+                if id != EMPTY_PIXEL {
                     self.unshade_pixel(low, frame, id as usize, i, (x, ndc_y), &mut sums);
                 }
             }
@@ -147,7 +147,7 @@ impl Gradients {
     fn unshade_pixel(
         &self,
         low: &LowPoly,
-        frame: &Frame,
+        frame: &FrameBuffers,
         t: usize,
         pixel: usize,
         (x, ndc_y): (usize, f32),
@@ -180,7 +180,7 @@ impl Gradients {
     }
 
     fn flush(&mut self, low: &LowPoly, id: u32, sums: &mut [Vec3; 3]) {
-        if id != NOTHING {
+        if id != EMPTY_PIXEL {
             for (&v, sum) in low.triangles[id as usize].iter().zip(sums) {
                 self.clip[v as usize] += std::mem::take(sum);
             }

@@ -5,7 +5,7 @@ use glam::Vec3;
 use rayon::prelude::*;
 
 use super::LowPoly;
-use crate::Bvh;
+use crate::geometry::Bvh;
 
 /// Points on a face, by barycentric coordinates: exact for polynomials of the second degree (Strang and Fix 1973).
 const POINTS: [[f32; 3]; 3] =
@@ -85,8 +85,7 @@ fn at([a, b, c]: &[Vec3; 3], [u, v, w]: &[f32; 3]) -> Vec3 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::mesh::TriMesh;
-    use crate::unwrap::Atlas;
+    use crate::data::{Atlas, TriMesh};
 
     fn floor() -> Bvh {
         Bvh::new(&[Vec3::new(-9.0, -9.0, 0.0), Vec3::new(9.0, -9.0, 0.0), Vec3::new(0.0, 9.0, 0.0)], &[[0, 1, 2]])

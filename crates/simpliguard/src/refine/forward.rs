@@ -9,12 +9,12 @@
 use glam::{Vec2, Vec3, Vec4};
 
 use super::LowPoly;
-use super::low_poly::BORDER;
+use super::low_poly::NO_NEIGHBOUR;
 use crate::render::raster::{barycentric_at, barycentric_coefficients, pixel_to_ndc, to_pixels};
-use crate::render::{Camera, NOTHING, Raster, Rect};
+use crate::render::{Camera, EMPTY_PIXEL, Raster, Rect};
 
 /// Buffers of one view, reused from step to step.
-pub(super) struct Frame {
+pub(super) struct FrameBuffers {
     pub(super) size: usize,
     /// Pixels that the mesh or the source may touch.
     pub(super) rect: Rect,
@@ -81,7 +81,7 @@ impl Lookup {
     }
 }
 
-impl Frame {
+impl FrameBuffers {
     pub(super) fn new(size: usize) -> Self {
         Self {
             size,
@@ -99,7 +99,7 @@ impl Frame {
 
     /// Visibility alone: ids, depth and barycentric coefficients. `source` are the pixels that the source covers.
     pub(super) fn rasterise(&mut self, low: &LowPoly, camera: &Camera, pose: Option<usize>, source: Rect) {
-        low.motions.project(&low.positions, camera, pose, &mut self.clip);
+        low.motions.project(&low.positions, &camera.view_projection, pose, &mut self.clip);
         let own = Rect::around(&self.clip, self.size, 2);
         self.rect = Rect {
             x0: own.x0.min(source.x0),
@@ -136,7 +136,7 @@ impl Frame {
             for x in self.rect.columns() {
                 let i = y * self.size + x;
                 let id = self.raster.ids[i];
-                self.base[i] = if id == NOTHING {
+                self.base[i] = if id == EMPTY_PIXEL {
                     Vec4::ZERO
                 } else {
                     let lookup = Lookup::new(self.uv_at(low, id as usize, x, ndc_y).0, low.size);
@@ -175,13 +175,14 @@ impl Frame {
         if a == b {
             return;
         }
-        let first_is_near = b == NOTHING || (a != NOTHING && self.raster.depth[first] < self.raster.depth[second]);
+        let first_is_near =
+            b == EMPTY_PIXEL || (a != EMPTY_PIXEL && self.raster.depth[first] < self.raster.depth[second]);
         let (near, far, sign) = if first_is_near { (first, second, 1.0) } else { (second, first, -1.0) };
         let t = self.raster.ids[near] as usize;
         let centre = Vec2::new((near % self.size) as f32, (near / self.size) as f32);
         for k in 0..3 {
             let across = low.neighbours[t][k];
-            if across != BORDER && self.facing[across as usize] == self.facing[t] {
+            if across != NO_NEIGHBOUR && self.facing[across as usize] == self.facing[t] {
                 continue;
             }
             let vertices = [low.triangles[t][k], low.triangles[t][(k + 1) % 3]];

@@ -5,11 +5,12 @@ use glam::{Affine3A, Vec2, Vec3, Vec4};
 
 use super::LowPoly;
 use super::backward::Gradients;
-use super::forward::Frame;
-use super::loss::Loss;
-use crate::mesh::TriMesh;
-use crate::render::{Camera, Frame as Framing, Motions, NOTHING, Picture, Rect};
-use crate::unwrap::Atlas;
+use super::forward::FrameBuffers;
+use super::image_loss::Loss;
+use crate::animation::Motions;
+use crate::data::{Atlas, TriMesh};
+use crate::geometry::BoundingSphere;
+use crate::render::{Camera, EMPTY_PIXEL, Image, Rect};
 
 const SIZE: usize = 256;
 const TEXTURE: usize = 64;
@@ -54,24 +55,24 @@ fn sphere(n: usize) -> LowPoly {
 }
 
 fn camera() -> Camera {
-    Camera::orbit(&Framing { centre: Vec3::ZERO, radius: 1.3 }, Vec3::new(0.1, 0.2, 0.97).normalize(), 0.7, 1.0)
+    Camera::orbit(&BoundingSphere { centre: Vec3::ZERO, radius: 1.3 }, Vec3::new(0.1, 0.2, 0.97).normalize(), 0.7, 1.0)
 }
 
 fn all() -> Rect {
     Rect { x0: 0, y0: 0, x1: SIZE, y1: SIZE }
 }
 
-fn target() -> Picture {
+fn target() -> Image {
     let mut shifted = sphere(8);
     shifted.positions.iter_mut().for_each(|p| *p = *p * 1.06 + Vec3::new(0.03, -0.02, 0.0));
-    let mut frame = Frame::new(SIZE);
+    let mut frame = FrameBuffers::new(SIZE);
     frame.render(&shifted, &camera(), None, all());
     let pixels = frame.image.iter().map(|c| (*c * 255.0 + 0.5).to_array().map(|c| c as u8)).collect();
-    Picture { size: SIZE, pixels }
+    Image { size: SIZE, pixels }
 }
 
-fn loss(low: &LowPoly, target: &Picture, background: f32, lambda: f32) -> (f64, Frame, Loss) {
-    let mut frame = Frame::new(SIZE);
+fn loss(low: &LowPoly, target: &Image, background: f32, lambda: f32) -> (f64, FrameBuffers, Loss) {
+    let mut frame = FrameBuffers::new(SIZE);
     frame.render(low, &camera(), None, all());
     let mut loss = Loss::default();
     let value = loss.run(&frame, target, background, lambda);
@@ -125,7 +126,7 @@ fn texture_gradients_match_central_differences() {
     // Over the pixels that count only: at others the two pictures shall agree.
     let counts: Vec<bool> = {
         let mut counts: Vec<bool> =
-            (0..SIZE * SIZE).map(|i| frame.raster.ids[i] != NOTHING && target.pixels[i][3] == 255).collect();
+            (0..SIZE * SIZE).map(|i| frame.raster.ids[i] != EMPTY_PIXEL && target.pixels[i][3] == 255).collect();
         frame.blends.iter().for_each(|b| (counts[b.near as usize], counts[b.far as usize]) = (false, false));
         counts
     };
@@ -134,12 +135,12 @@ fn texture_gradients_match_central_differences() {
     let mut order: Vec<usize> = (0..low.texels.len()).collect();
     order.sort_by(|a, b| gradients.texels[*b].length().total_cmp(&gradients.texels[*a].length()));
     for &texel in &order[..20] {
-        for lane in 0..3 {
+        for slot in 0..3 {
             let h = 0.05;
             let mut at = |step: f32| {
-                low.texels[texel][lane] += step;
+                low.texels[texel][slot] += step;
                 let (_, mut moved, _) = loss(&low, &target, 0.0, 0.5);
-                low.texels[texel][lane] -= step;
+                low.texels[texel][slot] -= step;
                 for (i, counts) in counts.iter().enumerate() {
                     if !counts {
                         moved.image[i] = frame.image[i];
@@ -148,7 +149,7 @@ fn texture_gradients_match_central_differences() {
                 Loss::default().run(&moved, &target, 0.0, 0.5)
             };
             let difference = (at(h) - at(-h)) / (2.0 * f64::from(h));
-            let gradient = f64::from(gradients.texels[texel][lane]);
+            let gradient = f64::from(gradients.texels[texel][slot]);
             let scale = f64::from(gradients.texels[texel].length());
             assert!((difference - gradient).abs() < 1e-4 * scale, "{difference} {gradient}");
         }
@@ -159,7 +160,7 @@ fn texture_gradients_match_central_differences() {
 fn gradients_in_a_pose_are_those_at_rest_turned_back() {
     let target = target();
     let gradients = |low: &LowPoly, pose| {
-        let mut frame = Frame::new(SIZE);
+        let mut frame = FrameBuffers::new(SIZE);
         frame.render(low, &camera(), pose, all());
         let mut loss = Loss::default();
         loss.run(&frame, &target, 1.0, 0.5);
@@ -183,10 +184,10 @@ fn gradients_in_a_pose_are_those_at_rest_turned_back() {
 #[test]
 fn the_loss_of_a_picture_against_itself_is_its_rounding() {
     let low = sphere(8);
-    let mut frame = Frame::new(SIZE);
+    let mut frame = FrameBuffers::new(SIZE);
     frame.render(&low, &camera(), None, all());
     let pixels = frame.image.iter().map(|c| (*c * 255.0 + 0.5).to_array().map(|c| c as u8)).collect();
-    let value = loss(&low, &Picture { size: SIZE, pixels }, 1.0, 0.5).0;
+    let value = loss(&low, &Image { size: SIZE, pixels }, 1.0, 0.5).0;
     assert!(value < 1e-4, "{value}");
 }
 
@@ -195,16 +196,16 @@ fn image_gradients_match_central_differences() {
     let (low, target) = (sphere(4), target());
     let (_, mut frame, run) = loss(&low, &target, 1.0, 0.5);
     for pixel in [SIZE * 128 + 128, SIZE * 80 + 133, SIZE * 173 + 53] {
-        for lane in 0..4 {
+        for slot in 0..4 {
             let h = 1e-2;
             let mut at = |step: f32| {
-                frame.image[pixel][lane] += step;
+                frame.image[pixel][slot] += step;
                 let value = Loss::default().run(&frame, &target, 1.0, 0.5);
-                frame.image[pixel][lane] -= step;
+                frame.image[pixel][slot] -= step;
                 value
             };
             let difference = (at(h) - at(-h)) / (2.0 * f64::from(h));
-            let gradient = f64::from(run.gradient[pixel][lane]);
+            let gradient = f64::from(run.gradient[pixel][slot]);
             assert!((difference - gradient).abs() < 1e-4 * gradient.abs().max(1e-4), "{difference} {gradient}");
         }
     }

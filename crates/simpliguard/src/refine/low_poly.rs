@@ -2,12 +2,11 @@ use std::collections::HashMap;
 
 use glam::{Vec2, Vec3, Vec4};
 
-use crate::mesh::TriMesh;
-use crate::render::Motions;
-use crate::unwrap::Atlas;
+use crate::animation::Motions;
+use crate::data::{Atlas, TriMesh};
 
 /// No triangle lies across an edge.
-pub(super) const BORDER: u32 = u32::MAX;
+pub(super) const NO_NEIGHBOUR: u32 = u32::MAX;
 
 /// A textured low-poly mesh, as the differentiable renderer sees it.
 #[derive(Clone, Debug)]
@@ -18,13 +17,13 @@ pub struct LowPoly {
     pub triangles: Vec<[u32; 3]>,
     /// Texture coordinates of each corner in texels, origin top left, centre of the first texel at 0.5.
     pub uvs: Vec<[Vec2; 3]>,
-    /// Triangle across edge `k` (corners `k` and `k + 1`), or `BORDER`.
+    /// Triangle across edge `k` (corners `k` and `k + 1`), or `NO_NEIGHBOUR`.
     pub(super) neighbours: Vec<[u32; 3]>,
     /// Back faces are drawn.
     pub double_sided: bool,
     /// Side of the texture.
     pub size: usize,
-    /// Encoded RGB, rows from the top; the fourth lane is one.
+    /// Encoded RGB, rows from the top; the fourth slot is one.
     pub texels: Vec<Vec4>,
     /// Texels that some triangle covers.
     pub covered: Vec<bool>,
@@ -100,6 +99,6 @@ fn neighbours(triangles: &[[u32; 3]]) -> Vec<[u32; 3]> {
             owner.insert((triangle[k], triangle[(k + 1) % 3]), t as u32);
         }
     }
-    let across = |t: &[u32; 3], k: usize| owner.get(&(t[(k + 1) % 3], t[k])).copied().unwrap_or(BORDER);
+    let across = |t: &[u32; 3], k: usize| owner.get(&(t[(k + 1) % 3], t[k])).copied().unwrap_or(NO_NEIGHBOUR);
     triangles.iter().map(|t| [across(t, 0), across(t, 1), across(t, 2)]).collect()
 }

@@ -1,34 +1,34 @@
 //! Differentiable rendering: texture by least squares, vertices by gradient descent (paper 3.4).
 //!
-//! The level is rendered with analytic antialiasing (`forward`), compared with the source's pictures (`loss`), and
+//! The level is rendered with analytic antialiasing (`forward`), compared with the source's pictures (`image_loss`), and
 //! the error is carried back to the vertices (`backward`). For fixed vertices the texture that fits the pictures best
 //! is a linear problem: bilinear sampling couples a texel with its eight neighbours only, so its normal equations are a
-//! nine-point stencil whatever the number of views (`stencil`). The paper's descent on the texture (`texture_descent`) is
+//! nine-point stencil whatever the number of views (`texture_least_squares`). The paper's descent on the texture (`texture_adam`) is
 //! there to compare with.
 //!
 //! Colours are sRGB encoded here: errors then weigh as they are seen.
 
-mod adam;
 mod backward;
-mod descent;
+mod constraints;
 mod distance;
 mod forward;
 #[cfg(test)]
 mod gradient_tests;
-mod guard;
-mod loss;
+mod image_loss;
 mod low_poly;
-mod regularise;
+mod optimise;
+mod optimizer;
+mod regularisation;
 mod skin;
-mod split;
-mod stencil;
-mod texture_descent;
+mod texture_adam;
+mod texture_least_squares;
+mod train_validation;
 
-pub use descent::{Params, Refined, Target, fit_texture, refine};
 pub use low_poly::LowPoly;
+pub use optimise::{RefineParams, Refined, ViewTarget, fit_texture, refine};
 pub use skin::Skin;
-pub use stencil::solve_texture;
-pub use texture_descent::{TextureDescent, descend_texture};
+pub use texture_adam::{TextureAdam, optimise_texture};
+pub use texture_least_squares::solve_texture;
 
 /// How a texture is fitted to the views.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -47,6 +47,6 @@ pub struct TextureFit {
 pub enum Solver {
     /// [`solve_texture`].
     LeastSquares,
-    /// [`descend_texture`].
-    Adam(TextureDescent),
+    /// [`optimise_texture`].
+    Adam(TextureAdam),
 }

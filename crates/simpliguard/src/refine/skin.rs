@@ -9,9 +9,9 @@ use glam::{Vec3, Vec4};
 use rayon::prelude::*;
 
 use super::LowPoly;
-use super::adam::Adam;
-use crate::model::Influences;
-use crate::rig::{self, Poses};
+use super::optimizer::Adam;
+use crate::animation::{Poses, ordered, project};
+use crate::data::Influences;
 
 /// Weight of the squared change of each weight in the loss, over the number of vertices.
 const PULL: f32 = 0.01;
@@ -35,7 +35,7 @@ impl<'a> Skin<'a> {
 
     /// The influences as they stand, weights falling.
     pub fn into_influences(self) -> Vec<Influences> {
-        self.influences.iter().map(rig::ordered).collect()
+        self.influences.iter().map(ordered).collect()
     }
 
     pub(super) fn weights(&self) -> Vec<[f32; 4]> {
@@ -92,7 +92,7 @@ impl<'a> Skin<'a> {
         let mut weights = self.weights();
         adam.step(weights.as_flattened_mut(), bytemuck::cast_slice(&gradient), rate);
         for ((influences, weights), &slots) in self.influences.iter_mut().zip(&mut weights).zip(&self.slots) {
-            rig::project(&mut weights[..usize::from(slots)]);
+            project(&mut weights[..usize::from(slots)]);
             influences.weights = *weights;
         }
     }
@@ -104,7 +104,7 @@ mod tests {
 
     use super::*;
     use crate::Cancellation;
-    use crate::model::{Bone, Model, Pose, Rig, Surface};
+    use crate::data::{Bone, Model, Pose, Rig, Surface};
 
     /// A bone that stays, and one that a clip lifts by one along y.
     fn lift() -> Model {

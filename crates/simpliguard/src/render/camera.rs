@@ -1,27 +1,8 @@
 //! Cameras around a bounding sphere.
 
-use glam::{Mat4, Quat, Vec3, Vec4};
+use glam::{Mat4, Vec3, Vec4};
 
-use crate::mesh::bounds;
-
-/// The sphere that a camera frames.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Frame {
-    /// Centre of the bounding box.
-    pub centre: Vec3,
-    /// Distance of the farthest vertex from the centre; at least the smallest positive float.
-    pub radius: f32,
-}
-
-impl Frame {
-    /// The frame of a set of points.
-    pub fn around(positions: &[Vec3]) -> Self {
-        let (low, high) = bounds(positions);
-        let centre = (low + high) * 0.5;
-        let radius = positions.iter().map(|p| p.distance_squared(centre)).fold(0.0, f32::max).sqrt();
-        Self { centre, radius: radius.max(f32::MIN_POSITIVE) }
-    }
-}
+use crate::geometry::{BoundingSphere, Random, fibonacci_directions};
 
 /// A perspective camera with a square image.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -34,7 +15,7 @@ pub struct Camera {
 
 impl Camera {
     /// Looks along `-direction` at the frame, which fits the image `1 / margin` times, with a vertical field of view of `fov` radians.
-    pub fn orbit(frame: &Frame, direction: Vec3, fov: f32, margin: f32) -> Self {
+    pub fn orbit(frame: &BoundingSphere, direction: Vec3, fov: f32, margin: f32) -> Self {
         let half = 0.5 * fov;
         let distance = frame.radius * margin / libm::sinf(half);
         let eye = frame.centre + direction * distance;
@@ -62,56 +43,9 @@ fn perspective(tan_half: f32, near: f32, far: f32) -> Mat4 {
     )
 }
 
-/// `n` directions spread evenly over the sphere (spherical Fibonacci lattice).
-pub fn fibonacci_directions(n: usize) -> Vec<Vec3> {
-    let golden_angle = std::f32::consts::PI * (3.0 - 5f32.sqrt());
-    (0..n)
-        .map(|i| {
-            let y = 1.0 - 2.0 * (i as f32 + 0.5) / n as f32;
-            let r = (1.0 - y * y).max(0.0).sqrt();
-            let angle = i as f32 * golden_angle;
-            Vec3::new(r * libm::cosf(angle), y, r * libm::sinf(angle))
-        })
-        .collect()
-}
-
-/// A small generator for jitter that must be the same everywhere (xorshift64*, Vigna 2016).
-#[derive(Clone, Debug)]
-pub struct Random(u64);
-
-impl Random {
-    /// Any seed will do.
-    pub fn new(seed: u64) -> Self {
-        Self(seed ^ 0x9E37_79B9_7F4A_7C15)
-    }
-
-    /// 64 random bits.
-    pub fn bits(&mut self) -> u64 {
-        if self.0 == 0 {
-            self.0 = 0x9E37_79B9_7F4A_7C15;
-        }
-        self.0 ^= self.0 >> 12;
-        self.0 ^= self.0 << 25;
-        self.0 ^= self.0 >> 27;
-        self.0.wrapping_mul(0x2545_F491_4F6C_DD1D)
-    }
-
-    /// Uniform in [0, 1).
-    pub fn unit(&mut self) -> f32 {
-        (self.bits() >> 40) as f32 / (1u64 << 24) as f32
-    }
-
-    /// Uniform over the unit quaternions (Shoemake 1992).
-    pub fn rotation(&mut self) -> Quat {
-        let (u, a, b) = (self.unit(), self.unit() * std::f32::consts::TAU, self.unit() * std::f32::consts::TAU);
-        let (r, s) = ((1.0 - u).sqrt(), u.sqrt());
-        Quat::from_xyzw(r * libm::sinf(a), r * libm::cosf(a), s * libm::sinf(b), s * libm::cosf(b)).normalize()
-    }
-}
-
 /// `n` cameras around the frame: an evenly spread set of directions, turned at random, with field of view and distance
 /// varied from view to view so that no single framing is fitted.
-pub fn viewpoints(frame: &Frame, n: usize, seed: u64) -> Vec<Camera> {
+pub fn viewpoints(frame: &BoundingSphere, n: usize, seed: u64) -> Vec<Camera> {
     let mut random = Random::new(seed);
     let turn = random.rotation();
     fibonacci_directions(n)
@@ -130,7 +64,7 @@ mod tests {
 
     #[test]
     fn the_frame_fills_the_image() {
-        let frame = Frame { centre: Vec3::new(1.0, 2.0, 3.0), radius: 2.0 };
+        let frame = BoundingSphere { centre: Vec3::new(1.0, 2.0, 3.0), radius: 2.0 };
         let camera = Camera::orbit(&frame, Vec3::Z, 0.7, 1.0);
         let centre = camera.project(&[frame.centre])[0];
         assert!((centre.x / centre.w).abs() < 1e-6 && (centre.y / centre.w).abs() < 1e-6);
@@ -149,7 +83,7 @@ mod tests {
 
     #[test]
     fn equal_seeds_give_equal_cameras() {
-        let frame = Frame { centre: Vec3::ZERO, radius: 1.0 };
+        let frame = BoundingSphere { centre: Vec3::ZERO, radius: 1.0 };
         assert_eq!(viewpoints(&frame, 8, 7), viewpoints(&frame, 8, 7));
         assert_ne!(viewpoints(&frame, 8, 7), viewpoints(&frame, 8, 8));
     }

@@ -1,17 +1,19 @@
-//! The rasteriser: cameras, visibility, and shaded pictures of a [`crate::model::Model`].
+//! The rasteriser: cameras, visibility, and shaded pictures of a [`crate::data::Model`].
 //!
-//! One CPU rasteriser serves every stage that looks at a mesh: visibility and candidates ([`crate::shape`]), texture
+//! One CPU rasteriser serves every stage that looks at a mesh: visibility and candidates ([`crate::simplify`]), texture
 //! baking ([`crate::texture`]), differentiable rendering ([`crate::refine`]) and pictures. Cameras stand outside the
 //! bounding sphere, so nothing is clipped; a triangle with a corner behind the camera is not drawn.
 
 mod camera;
-mod picture;
+mod image;
 pub(crate) mod raster;
 mod shading;
 mod view;
+mod view_renderer;
 
-pub use camera::{Camera, Frame, Random, fibonacci_directions, viewpoints};
-pub use picture::{Light, Picture, Renderer};
-pub use raster::{NOTHING, Raster, Rect};
+pub use camera::{Camera, viewpoints};
+pub use image::{Image, Light, Renderer};
+pub use raster::{EMPTY_PIXEL, Raster, Rect};
 pub use shading::{Footprint, SurfaceSample, SurfaceSampler};
-pub use view::{Motions, View, take_posed_views, take_views};
+pub use view::{View, take_posed_views, take_views};
+pub(crate) use view_renderer::{ViewRenderer, posed_views};

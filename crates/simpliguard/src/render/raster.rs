@@ -3,7 +3,7 @@
 use glam::{Vec2, Vec3, Vec4};
 
 /// Triangle id of a pixel that sees nothing.
-pub const NOTHING: u32 = u32::MAX;
+pub const EMPTY_PIXEL: u32 = u32::MAX;
 
 /// A half-open rectangle of pixels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -70,7 +70,7 @@ pub(crate) fn pixel_to_ndc(i: usize, size: usize) -> f32 {
 pub struct Raster {
     /// Side in pixels.
     pub size: usize,
-    /// Triangle of each pixel or [`NOTHING`], rows from the bottom.
+    /// Triangle of each pixel or [`EMPTY_PIXEL`], rows from the bottom.
     pub ids: Vec<u32>,
     /// Depth of each pixel, -1 near to 1 far; `f32::MAX` where nothing is seen.
     pub depth: Vec<f32>,
@@ -86,14 +86,14 @@ struct Setup {
 impl Raster {
     /// An empty buffer.
     pub fn new(size: usize) -> Self {
-        Self { size, ids: vec![NOTHING; size * size], depth: vec![f32::MAX; size * size] }
+        Self { size, ids: vec![EMPTY_PIXEL; size * size], depth: vec![f32::MAX; size * size] }
     }
 
     /// Forgets what was drawn within `rect`.
     pub fn clear(&mut self, rect: Rect) {
         for y in rect.rows() {
             let row = y * self.size;
-            self.ids[row + rect.x0..row + rect.x1.max(rect.x0)].fill(NOTHING);
+            self.ids[row + rect.x0..row + rect.x1.max(rect.x0)].fill(EMPTY_PIXEL);
             self.depth[row + rect.x0..row + rect.x1.max(rect.x0)].fill(f32::MAX);
         }
     }
@@ -249,7 +249,7 @@ mod tests {
         let count = |triangles: &[[u32; 3]]| {
             let mut raster = Raster::new(64);
             raster.draw(&corners, triangles, |_| false);
-            raster.ids.iter().filter(|&&id| id != NOTHING).count()
+            raster.ids.iter().filter(|&&id| id != EMPTY_PIXEL).count()
         };
         let whole = count(&[[0, 1, 2], [0, 2, 3]]);
         assert_eq!(whole, count(&[[0, 1, 2]]) + count(&[[0, 2, 3]]));

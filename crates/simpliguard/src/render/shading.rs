@@ -2,7 +2,7 @@
 
 use glam::{Mat2, Vec2, Vec3, Vec4, Vec4Swizzles};
 
-use crate::model::{Material, Model, TextureRef};
+use crate::data::{Material, Model, TextureRef};
 
 /// Material properties at one point of the surface, in linear light.
 #[derive(Clone, Copy, Debug, PartialEq)]

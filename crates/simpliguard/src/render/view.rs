@@ -1,9 +1,9 @@
 //! What the source looks like from the cameras that every later stage is judged by.
 
-use glam::{Affine3A, Vec3, Vec4};
+use glam::Vec3;
 use rayon::prelude::*;
 
-use super::{Camera, Light, Picture, Renderer, SurfaceSampler};
+use super::{Camera, Image, Light, Renderer, SurfaceSampler};
 
 /// A camera and the source's unlit picture from it.
 pub struct View {
@@ -12,13 +12,13 @@ pub struct View {
     /// The pose the source was in, as in [`Motions`]; `None` for the rest pose.
     pub pose: Option<usize>,
     /// The source, premultiplied over nothing.
-    pub picture: Picture,
+    pub image: Image,
 }
 
 impl View {
     /// The same view at half the size, each pixel the mean of four; `None` if the size is odd.
     pub fn halved(&self) -> Option<Self> {
-        Some(Self { camera: self.camera, pose: self.pose, picture: self.picture.halved()? })
+        Some(Self { camera: self.camera, pose: self.pose, image: self.image.halved()? })
     }
 }
 
@@ -46,50 +46,8 @@ fn take(
     pose: Option<usize>,
 ) -> Vec<View> {
     let view = |renderer: &mut Renderer<'_>, camera: &Camera| {
-        let picture = renderer.draw_moved(positions, camera, Light::None);
-        View { camera: *camera, pose, picture }
+        let image = renderer.draw_moved(positions, camera, Light::None);
+        View { camera: *camera, pose, image }
     };
     cameras.par_iter().map_init(|| Renderer::new(sampler, size, 2), view).collect()
-}
-
-/// How the vertices of one mesh move from the rest pose into each pose that views are taken in. Empty for a mesh that
-/// keeps still.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Motions(Vec<Vec<Affine3A>>);
-
-impl Motions {
-    /// By pose, then by vertex.
-    pub fn new(poses: Vec<Vec<Affine3A>>) -> Self {
-        Self(poses)
-    }
-
-    /// The motion of each vertex into a pose; `None` if it stays in the rest pose.
-    pub fn of(&self, pose: Option<usize>) -> Option<&[Affine3A]> {
-        self.0.get(pose?).map(Vec::as_slice)
-    }
-
-    /// Replaces the motions into a pose.
-    pub fn set(&mut self, pose: usize, motions: Vec<Affine3A>) {
-        self.0[pose] = motions;
-    }
-
-    /// The same motions of positions in another space, which `to_world` leads out of.
-    pub fn rebased(mut self, to_world: Affine3A) -> Self {
-        let from_world = to_world.inverse();
-        self.0.iter_mut().flatten().for_each(|motion| *motion = from_world * *motion * to_world);
-        self
-    }
-
-    /// Positions of the rest pose as a camera sees them in `pose`: replaces `clip`.
-    pub fn project(&self, positions: &[Vec3], camera: &Camera, pose: Option<usize>, clip: &mut Vec<Vec4>) {
-        let matrix = camera.view_projection;
-        clip.clear();
-        match self.of(pose) {
-            None => clip.extend(positions.iter().map(|p| matrix * p.extend(1.0))),
-            Some(motions) => {
-                let moved = positions.iter().zip(motions).map(|(p, motion)| motion.transform_point3(*p));
-                clip.extend(moved.map(|p| matrix * p.extend(1.0)));
-            }
-        }
-    }
 }

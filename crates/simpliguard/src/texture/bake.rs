@@ -5,12 +5,9 @@ use rayon::prelude::*;
 
 use super::Texel;
 use crate::Cancellation;
-use crate::bvh::{Bvh, Hit, barycentric};
-use crate::mesh::TriMesh;
-use crate::model::AlphaMode;
-use crate::render::{Footprint, Frame, SurfaceSample, SurfaceSampler};
-use crate::shape::{Cards, NO_CARD};
-use crate::unwrap::Atlas;
+use crate::data::{AlphaMode, Atlas, Cards, NO_CARD, TriMesh};
+use crate::geometry::{BoundingSphere, Bvh, Hit, barycentric};
+use crate::render::{Footprint, SurfaceSample, SurfaceSampler};
 
 /// How far from the level the source is looked for, as a part of the frame's radius.
 const CAGE: f32 = 0.03;
@@ -26,7 +23,7 @@ const BEHIND: f32 = 8.0;
 pub fn bake(
     sampler: &SurfaceSampler<'_>,
     bvh: &Bvh,
-    frame: &Frame,
+    frame: &BoundingSphere,
     mesh: &TriMesh,
     atlas: &Atlas,
     texels: &[Option<Texel>],

@@ -2,9 +2,8 @@
 //! shows less of them than there is.
 
 use super::Texel;
-use crate::mesh::TriMesh;
+use crate::data::{Cards, NO_CARD, TriMesh};
 use crate::render::SurfaceSample;
-use crate::shape::{Cards, NO_CARD};
 
 /// Most rings of texels that leaves grow by.
 const RINGS: usize = 3;

@@ -6,13 +6,12 @@ use glam::{Vec2, Vec3, Vec4, Vec4Swizzles};
 use image::{Rgb, RgbImage, Rgba, RgbaImage};
 
 use super::{Texel, fill};
-use crate::mesh::TriMesh;
-use crate::model::{
-    AlphaMode, Influences, LevelMaterial, LevelMesh, LevelMorph, LevelTextures, linear_to_srgb, srgb_to_linear,
+use crate::data::{
+    AlphaMode, Atlas, Influences, LevelMaterial, LevelMesh, LevelMorph, LevelTextures, TriMesh, linear_to_srgb,
+    srgb_to_linear,
 };
 use crate::render::SurfaceSample;
 use crate::settings::TextureFormat;
-use crate::unwrap::Atlas;
 
 /// Which images a level gets besides its base colour.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

@@ -5,17 +5,17 @@
 //! sees), and after the last vertex step the source of the normal, occlusion-roughness-metallic and emissive maps.
 //! Gutters around the charts are filled by dilation.
 
-mod atlas;
 mod bake;
 mod coverage;
 mod maps;
 #[cfg(test)]
 mod tests;
+mod texel_map;
 
-pub use atlas::{Texel, dilate, fill, texel_map};
 pub use bake::bake;
 pub use coverage::keep_coverage;
 pub use maps::{Channels, Varying, level_material, level_mesh, maps};
+pub use texel_map::{Texel, dilate, fill, texel_map};
 
 /// Rings of texels filled around each chart.
 pub const GUTTER_STEPS: usize = 8;

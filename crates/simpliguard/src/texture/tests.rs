@@ -4,11 +4,10 @@ use glam::{Affine2, Vec2, Vec3, Vec4};
 use image::{Rgba, RgbaImage};
 
 use super::{Channels, bake, level_mesh, maps, texel_map};
-use crate::mesh::TriMesh;
-use crate::model::{LevelTextures, Material, Model, Surface, Texture, TextureRef, Wrap, srgb_to_linear};
-use crate::render::{Frame, SurfaceSample, SurfaceSampler};
-use crate::unwrap::Atlas;
-use crate::{Bvh, Cancellation};
+use crate::Cancellation;
+use crate::data::{Atlas, LevelTextures, Material, Model, Surface, Texture, TextureRef, TriMesh, Wrap, srgb_to_linear};
+use crate::geometry::{BoundingSphere, Bvh};
+use crate::render::{SurfaceSample, SurfaceSampler};
 
 const SIZE: usize = 64;
 
@@ -39,7 +38,7 @@ fn level() -> (TriMesh, Atlas) {
 fn samples(model: &Model) -> Vec<Option<SurfaceSample>> {
     let (mesh, atlas) = level();
     let bvh = Bvh::new(&model.surface.positions, &model.surface.triangles);
-    let frame = Frame::around(&model.surface.positions);
+    let frame = BoundingSphere::around(&model.surface.positions);
     let texels = texel_map(&atlas, SIZE);
     bake(&SurfaceSampler::new(model), &bvh, &frame, &mesh, &atlas, &texels, SIZE, None, &Cancellation::default())
 }

@@ -3,7 +3,7 @@
 use glam::DVec2;
 
 use super::surface::{NONE, Surface};
-use crate::mesh::DisjointSets;
+use crate::geometry::DisjointSets;
 
 /// Faces glued along every edge that they share and that is not cut. A vertex of the mesh where the chart is pinched becomes
 /// several vertices, so a chart is always a manifold with boundary.

@@ -216,7 +216,7 @@ mod tests {
     #[test]
     fn a_bent_fan_is_mapped_conformally_when_a_conformal_map_exists() {
         // Two faces can always be laid flat without any distortion.
-        let mesh = crate::mesh::TriMesh {
+        let mesh = crate::data::TriMesh {
             positions: vec![glam::Vec3::ZERO, glam::Vec3::X, glam::Vec3::Y, glam::Vec3::new(1.0, 1.0, 1.0)],
             triangles: vec![[0, 1, 2], [2, 1, 3]],
         };

@@ -2,7 +2,7 @@
 
 use glam::{DVec2, Vec2};
 
-use super::Atlas;
+use crate::data::Atlas;
 
 /// Calls `hit(x, y)` for every texel of a `size * size` raster whose centre lies in the triangle. A centre on a side
 /// shared by two triangles of equal orientation belongs to exactly one of them (top-left rule).

@@ -9,7 +9,7 @@ use super::chart::{Chart, FlatChart};
 use super::lscm::parametrise;
 use super::quality::Limits;
 use super::surface::Surface;
-use crate::mesh::DisjointSets;
+use crate::geometry::DisjointSets;
 
 /// Rounds of growing and re-seeding.
 const ROUNDS: usize = 4;

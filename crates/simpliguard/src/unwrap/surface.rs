@@ -2,7 +2,7 @@
 
 use glam::{DVec2, DVec3};
 
-use crate::mesh::TriMesh;
+use crate::data::TriMesh;
 
 /// No half-edge on the other side.
 pub(super) const NONE: u32 = u32::MAX;

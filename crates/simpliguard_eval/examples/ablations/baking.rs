@@ -7,7 +7,7 @@ use std::sync::{Mutex, PoisonError};
 use std::time::Instant;
 
 use bytes::Bytes;
-use simpliguard::model::Model;
+use simpliguard::data::Model;
 use simpliguard::settings::{BakeOverrides, BakeSettings, Layer, Origin, resolve};
 use simpliguard::{Baked, Context, Key, NoResources, Source, StageStore, bake};
 

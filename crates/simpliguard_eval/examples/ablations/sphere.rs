@@ -6,9 +6,8 @@ use std::f32::consts::{PI, TAU};
 use glam::{Vec2, Vec3};
 use image::{Rgba, RgbaImage};
 use serde_json::json;
+use simpliguard::data::{AlphaMode, Document, Level, LevelMaterial, LevelMesh, LevelTextures, Model, TriMesh};
 use simpliguard::gltf::export_level;
-use simpliguard::mesh::TriMesh;
-use simpliguard::model::{AlphaMode, Document, Level, LevelMaterial, LevelMesh, LevelTextures, Model};
 use simpliguard::settings::TextureFormat;
 
 /// Side of its texture.

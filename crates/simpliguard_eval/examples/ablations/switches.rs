@@ -2,7 +2,7 @@
 
 use std::error::Error;
 
-use simpliguard::model::Model;
+use simpliguard::data::Model;
 use simpliguard::render::Light;
 use simpliguard::settings::{BakeSettings, Candidates, InitialTexture, TextureSolver};
 use simpliguard_eval::{Similarity, side_by_side, similarity};

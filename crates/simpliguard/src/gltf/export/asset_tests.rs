@@ -12,8 +12,8 @@ use image::{Rgba, RgbaImage};
 
 use super::tests::Read;
 use super::{ExportOptions, SourceGeometry, export, export_level};
+use crate::data::{AlphaMode, Level, LevelMaterial, LevelMesh, LevelTextures, Model};
 use crate::gltf::{Limits, import};
-use crate::model::{AlphaMode, Level, LevelMaterial, LevelMesh, LevelTextures, Model};
 use crate::settings::TextureFormat;
 use crate::{Error, RelativeUri, Resources, Source};
 
@@ -129,7 +129,7 @@ fn check(stem: &str, model: &Model) {
     let options = ExportOptions { source: SourceGeometry::Drop, ..options };
     file("dropped", &export(model, &levels, &options).expect("exports"));
     file("level", &export_level(model, &levels[2]).expect("exports"));
-    let (low, high) = crate::mesh::bounds(&model.surface.positions);
+    let (low, high) = crate::data::bounds(&model.surface.positions);
     let ids: Vec<usize> = kept.json["nodes"]
         .as_array()
         .expect("nodes")
@@ -148,8 +148,8 @@ fn check(stem: &str, model: &Model) {
         assert_eq!(written.len(), expected.len());
         let tolerance = 1e-5 * f64::from((high - low).length());
         assert!(sum(&written).distance(sum(&expected)) < tolerance, "{stem}");
-        let written = crate::mesh::bounds(&written);
-        let expected = crate::mesh::bounds(&expected);
+        let written = crate::data::bounds(&written);
+        let expected = crate::data::bounds(&expected);
         assert!(f64::from(written.0.distance(expected.0)) < tolerance, "{stem}: {written:?} {expected:?}");
         assert!(f64::from(written.1.distance(expected.1)) < tolerance, "{stem}: {written:?} {expected:?}");
     }

@@ -6,7 +6,7 @@ use serde_json::{Map, Value, json};
 use super::builder::{Builder, Kind, Target, append_aligned, index, indices};
 use super::fault;
 use crate::Error;
-use crate::model::{Document, Model};
+use crate::data::{Document, Model};
 
 /// The source's document with all buffers merged and all images that were read embedded. External images that could
 /// not be read keep their URI.

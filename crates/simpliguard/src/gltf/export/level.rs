@@ -9,7 +9,7 @@ use serde_json::{Map, Value, json};
 use super::builder::{Builder, Component, Kind, Target, number};
 use super::skin::{Binding, check_influences};
 use super::{fault, vertex_order};
-use crate::model::{AlphaMode, Influences, Level, LevelMaterial, LevelMorph, LevelTextures, Model};
+use crate::data::{AlphaMode, Influences, Level, LevelMaterial, LevelMorph, LevelTextures, Model};
 use crate::settings::TextureFormat;
 use crate::{Context, Error};
 
@@ -283,7 +283,7 @@ impl Vertices {
 /// With the bounds that glTF asks of positions.
 fn write_positions(out: &mut Builder, positions: &[Vec3]) -> usize {
     let accessor = out.push_accessor(positions, Component::F32, "VEC3", Target::Vertices);
-    let (low, high) = crate::mesh::bounds(positions);
+    let (low, high) = crate::data::bounds(positions);
     let bounds = &mut out.all_mut(Kind::Accessor)[accessor];
     bounds["min"] = json!(low.to_array());
     bounds["max"] = json!(high.to_array());

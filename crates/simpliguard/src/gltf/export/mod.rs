@@ -36,7 +36,7 @@ use serde_json::{Value, json};
 use self::builder::{Builder, Kind, indices, number};
 use self::level::EncodedLevel;
 use self::skin::Binding;
-use crate::model::{Level, Model};
+use crate::data::{Level, Model};
 use crate::settings::SourceGeometry;
 use crate::{Context, Error, StageId};
 

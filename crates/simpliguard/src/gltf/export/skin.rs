@@ -16,8 +16,8 @@ use serde_json::json;
 use super::builder::{Builder, Component, Kind, Target};
 use super::fault;
 use crate::Error;
-use crate::model::{Bone, Influences, Level, LevelMesh, LevelMorph, Model, Rig};
-use crate::rig::{bind_spaces, is_invertible, to_bind_space};
+use crate::animation::{bind_spaces, is_invertible, to_bind_space};
+use crate::data::{Bone, Influences, Level, LevelMesh, LevelMorph, Model, Rig};
 
 /// Most joints of a merged skin: engines hold the matrices of 256.
 const MAX_JOINTS: usize = 256;
@@ -50,7 +50,7 @@ pub(super) struct BoundVertices {
     pub(super) positions: Vec<Vec3>,
     pub(super) normals: Vec<Vec3>,
     pub(super) tangents: Vec<Vec4>,
-    /// Joints and weights as the glTF wants them: no joint twice, unused slots zero, weights of sum one.
+    /// Skeleton and weights as the glTF wants them: no joint twice, unused slots zero, weights of sum one.
     pub(super) influences: Vec<Influences>,
     pub(super) morphs: Vec<LevelMorph>,
 }

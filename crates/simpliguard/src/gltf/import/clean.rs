@@ -3,8 +3,8 @@
 use glam::{DVec3, Vec3};
 
 use super::asset::Asset;
-use crate::mesh::{first_equal, position_bits};
-use crate::model::{Influences, SMALLEST_EXTENT, Surface};
+use crate::data::{Influences, SMALLEST_EXTENT, Surface};
+use crate::geometry::{first_equal, position_bits};
 use crate::{Error, StageId};
 
 /// Positions beyond this are as bad as infinite ones: the squares of areas leave the range of `f32`. Metres.

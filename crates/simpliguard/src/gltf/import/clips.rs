@@ -10,8 +10,8 @@ use super::accessor::Reader;
 use super::nodes::{Tree, local_matrix, trs};
 use super::schema::{Animation, Channel};
 use crate::Error;
-use crate::model::{Bone, Pose};
-use crate::render::Random;
+use crate::data::{Bone, Pose};
+use crate::geometry::Random;
 
 /// Frames taken of each clip, at the starts of as many equal parts.
 const FRAMES: usize = 8;

@@ -11,7 +11,7 @@ use super::extensions;
 use super::material::TextureUse;
 use super::resources::{ExternalImage, mime_of, resource_error};
 use crate::Error;
-use crate::model::Texture;
+use crate::data::Texture;
 
 /// The largest side of an image in texels.
 const LONGEST_SIDE: u32 = 32_768;

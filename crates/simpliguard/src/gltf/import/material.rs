@@ -8,7 +8,7 @@ use super::asset::Asset;
 use super::extensions;
 use super::schema::{self, Root, TextureInfo};
 use crate::Error;
-use crate::model::{AlphaMode, Material, TextureRef, Wrap};
+use crate::data::{AlphaMode, Material, TextureRef, Wrap};
 
 /// An image as one sampler and one colour space see it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]

@@ -39,7 +39,7 @@ use self::nodes::Tree;
 use self::resources::{ExternalImage, Loader};
 use self::rig::Skeleton;
 use self::surface::{Assembly, MaterialSlots};
-use crate::model::{Document, Model, Surface};
+use crate::data::{Document, Model, Surface};
 use crate::{Context, Error, Source};
 
 pub use self::extensions::has_levels;

@@ -8,7 +8,7 @@ use serde_json::Value;
 
 use super::accessor::Reader;
 use super::schema::Node;
-use crate::model::{MorphTarget, Morphs};
+use crate::data::{MorphTarget, Morphs};
 
 /// The node that drives the targets, and those that go with it.
 #[derive(Debug, Default)]

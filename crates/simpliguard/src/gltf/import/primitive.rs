@@ -6,8 +6,8 @@ use super::accessor::Reader;
 use super::rig;
 use super::schema;
 use crate::Error;
-use crate::mesh::{first_equal, position_bits};
-use crate::model::Influences;
+use crate::data::Influences;
+use crate::geometry::{first_equal, position_bits};
 
 const TRIANGLES: u32 = 4;
 const TRIANGLE_STRIP: u32 = 5;
@@ -25,7 +25,7 @@ pub(super) struct Primitive {
     pub(super) colors: Option<Vec<Vec4>>,
     /// Red of the second vertex colour.
     pub(super) painted: Option<Vec<f32>>,
-    /// Joints as numbered by the skin; all zero where no weight is positive.
+    /// Skeleton as numbered by the skin; all zero where no weight is positive.
     pub(super) influences: Option<Vec<Influences>>,
     pub(super) triangles: Vec<[u32; 3]>,
     /// How far each morph target moves each vertex; empty for targets that move none, and for all if not asked for.

@@ -9,7 +9,7 @@ use super::clips;
 use super::nodes::Tree;
 use super::schema::Primitive;
 use crate::Error;
-use crate::model::{Bone, Influences, Rig};
+use crate::data::{Bone, Influences, Rig};
 
 /// The rig of a file, and how the file's skins and nodes map to it.
 #[derive(Debug, Default)]

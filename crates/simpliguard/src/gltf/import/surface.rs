@@ -10,7 +10,7 @@ use super::primitive::{self, Primitive};
 use super::rig::{self, Skeleton};
 use super::schema::Node;
 use crate::Error;
-use crate::model::{Influences, Surface};
+use crate::data::{Influences, Surface};
 
 /// Materials as the surface needs them.
 pub(super) struct MaterialSlots {

@@ -8,7 +8,7 @@ use image::{Rgb, RgbImage, Rgba, RgbaImage};
 use serde_json::{Value, json};
 
 use super::{ExportOptions, export, export_level};
-use crate::model::{
+use crate::data::{
     AlphaMode, Bone, Document, Influences, Level, LevelMaterial, LevelMesh, LevelMorph, LevelTextures, Model,
     MorphTarget, Morphs, Rig,
 };

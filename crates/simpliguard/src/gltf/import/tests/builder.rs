@@ -6,8 +6,8 @@ use bytemuck::NoUninit;
 use image::{ImageFormat, RgbaImage};
 use serde_json::{Value, json};
 
+use crate::data::Model;
 use crate::gltf::{Limits, import};
-use crate::model::Model;
 use crate::{Error, NoResources, Source};
 
 pub(super) const U8: u32 = 5121;

@@ -5,8 +5,8 @@ use std::path::{Path, PathBuf};
 use bytes::Bytes;
 
 use super::assert_sound;
+use crate::data::Model;
 use crate::gltf::{Limits, import};
-use crate::model::Model;
 use crate::{Error, RelativeUri, Resources, Source};
 
 /// Files below a folder.

@@ -2,7 +2,7 @@ use glam::{Vec2, Vec3, Vec4, vec3};
 use serde_json::json;
 
 use super::builder::{Builder, F32, I16, U8, U16, U32};
-use crate::model::{MorphTarget, Morphs};
+use crate::data::{MorphTarget, Morphs};
 
 fn positions(builder: &Builder) -> Vec<Vec3> {
     builder.model().surface.positions

@@ -2,7 +2,7 @@ use glam::{Vec2, Vec3, Vec4};
 use serde_json::{Value, json};
 
 use super::builder::{Builder, F32, png};
-use crate::model::{AlphaMode, Material, Model};
+use crate::data::{AlphaMode, Material, Model};
 
 fn material(value: Value) -> Material {
     let mut file = Builder::triangle();
@@ -22,7 +22,7 @@ fn textured(info: Value) -> (Builder, usize) {
     (file, texture)
 }
 
-fn base_color(model: &Model) -> crate::model::TextureRef {
+fn base_color(model: &Model) -> crate::data::TextureRef {
     model.materials[0].base_color_texture.expect("a texture")
 }
 
@@ -98,7 +98,7 @@ fn one_image_in_two_colour_spaces_is_two_textures() {
     let material = &model.materials[0];
     assert_eq!((model.textures.len(), material.occlusion_strength), (2, 0.5));
     assert_eq!(material.emissive_texture, material.base_color_texture);
-    let green = |slot: Option<crate::model::TextureRef>| {
+    let green = |slot: Option<crate::data::TextureRef>| {
         model.textures[slot.expect("a texture").texture].sample(Vec2::splat(0.5), 0.0).y
     };
     assert!((green(material.occlusion_texture) - 128.0 / 255.0).abs() < 1e-6);

@@ -8,7 +8,7 @@ mod hostile;
 mod materials;
 mod skins;
 
-use crate::model::Model;
+use crate::data::Model;
 
 /// What holds for every model that the import returns.
 fn assert_sound(model: &Model) {

@@ -2,7 +2,7 @@ use glam::{Mat4, Vec3, vec3};
 use serde_json::json;
 
 use super::builder::{Builder, F32, U8};
-use crate::model::{Influences, Model};
+use crate::data::{Influences, Model};
 
 /// Node 0: the triangle on skin 0. Node 1, at x = 1, and its child 2, at x = 3, are the joints, bound where they stand.
 fn skinned(joints: &[[u8; 4]; 3], weights: &[[f32; 4]; 3]) -> Builder {

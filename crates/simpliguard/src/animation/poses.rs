@@ -1,0 +1,219 @@
+//! The poses that levels are fitted to besides the rest pose.
+
+use glam::{Affine3A, DMat4, Quat, Vec3};
+use rayon::prelude::*;
+
+use super::{LinearBlend, Motions, Skeleton, closest_influences};
+use crate::Cancellation;
+use crate::data::{Influences, Model, Pose, Surface, TriMesh};
+use crate::geometry::Bvh;
+
+/// Vertices that poses are compared by, about.
+const SAMPLES: usize = 512;
+/// Least gain of a pose, as a part of the squared extent of the rest pose.
+const LEAST_GAIN: f64 = 1e-6;
+
+/// How far joints are turned where there are no clips, in radians.
+const TURN: f32 = std::f32::consts::FRAC_PI_4;
+
+/// Frames of the source's clips that stand for all of them, the most telling first; without clips the rest pose with one
+/// joint turned either way like a hinge.
+pub struct Poses<'a> {
+    model: &'a Model,
+    skinning: LinearBlend<'a>,
+    /// The matrix of each bone in each pose.
+    bones: Vec<Vec<DMat4>>,
+    /// How many of them decide on the shape.
+    decisive: usize,
+}
+
+impl<'a> Poses<'a> {
+    /// Up to `most` poses, the first `n` of which decide on the shape; none for a model without bones, or with clips that do
+    /// not move them.
+    pub fn of(model: &'a Model, n: usize, most: usize, cancellation: &Cancellation) -> Option<Self> {
+        let skinning = LinearBlend::of(model).filter(|_| n > 0)?;
+        let turned = if skinning.poses().is_empty() { turned_joints(model) } else { Vec::new() };
+        let all = if turned.is_empty() { skinning.poses() } else { &turned };
+        let chosen = representative(&skinning, all, &model.surface, most.max(n), cancellation);
+        let bones: Vec<Vec<DMat4>> = chosen.iter().map(|pose| skinning.bones(pose)).collect();
+        (!bones.is_empty()).then(|| Self { model, skinning, decisive: n.min(bones.len()), bones })
+    }
+
+    /// How many decide on the shape.
+    pub fn count(&self) -> usize {
+        self.decisive
+    }
+
+    /// The matrix of each bone in each pose.
+    pub(crate) fn bones(&self) -> &[Vec<DMat4>] {
+        &self.bones
+    }
+
+    /// How many there are.
+    pub fn all(&self) -> usize {
+        self.bones.len()
+    }
+
+    /// Motions into one pose for vertices with these influences.
+    pub fn motions_into(&self, pose: usize, influences: &[Influences]) -> Vec<Affine3A> {
+        self.skinning.motions(&self.bones[pose], influences)
+    }
+
+    /// Motions into every pose.
+    pub fn all_motions(&self, influences: &[Influences]) -> Motions {
+        Motions::new((0..self.all()).map(|pose| self.motions_into(pose, influences)).collect())
+    }
+
+    /// Motions into each pose that decides on the shape.
+    pub fn motions(&self, influences: &[Influences]) -> Motions {
+        Motions::new((0..self.decisive).map(|pose| self.motions_into(pose, influences)).collect())
+    }
+
+    /// As [`Self::motions`] with the influences of the closest points of the source, whose triangles `bvh` holds.
+    pub fn motions_by_closest_point(&self, bvh: &Bvh, positions: &[Vec3]) -> Motions {
+        self.motions(&closest_influences(&self.model.surface, bvh, positions))
+    }
+
+    /// How the place of a vertex in a pose changes with each of its weights; `position` is its place at rest.
+    pub fn by_weights(&self, pose: usize, influences: &Influences, position: Vec3) -> [Vec3; 4] {
+        self.skinning.by_weights(&self.bones[pose], influences, position)
+    }
+
+    /// The source's vertices in a pose.
+    pub fn source_in(&self, pose: usize) -> Vec<Vec3> {
+        let surface = &self.model.surface;
+        moved(&surface.positions, &self.motions_into(pose, &surface.influences))
+    }
+
+    /// The mesh in each of the poses that decide on the shape.
+    pub fn posed<'m>(&self, mesh: &'m TriMesh, motions: &'m Motions) -> impl Iterator<Item = TriMesh> + 'm {
+        let poses = 0..self.count();
+        poses.map(|pose| TriMesh {
+            positions: motions.of(Some(pose)).map_or_else(|| mesh.positions.clone(), |m| moved(&mesh.positions, m)),
+            triangles: mesh.triangles.clone(),
+        })
+    }
+}
+
+/// The rest pose with each joint turned, both ways.
+fn turned_joints(model: &Model) -> Vec<Pose> {
+    let Some(joints) = Skeleton::of(model) else { return Vec::new() };
+    let turned = |joint: usize| {
+        let axis = joints.hinge_axis(joint);
+        axis.into_iter().flat_map(move |axis| [(joint, axis, TURN), (joint, axis, -TURN)])
+    };
+    let hinges = (0..joints.count()).flat_map(turned);
+    hinges.map(|(joint, axis, turn)| joints.turned(joint, Quat::from_axis_angle(axis, turn))).collect()
+}
+
+/// Moves each position by its own motion.
+fn moved(positions: &[Vec3], motions: &[Affine3A]) -> Vec<Vec3> {
+    positions.iter().zip(motions).map(|(&p, motion)| motion.transform_point3(p)).collect()
+}
+
+/// Up to `n` poses that, with the rest pose, stand best for all of them: each brings the mean squared distance between
+/// the poses and the nearest chosen one down as far as any can. Where the model stands makes no difference.
+fn representative<'p>(
+    skinning: &LinearBlend<'_>,
+    poses: &'p [Pose],
+    surface: &Surface,
+    n: usize,
+    cancellation: &Cancellation,
+) -> Vec<&'p Pose> {
+    let step = surface.positions.len().div_ceil(SAMPLES).max(1);
+    let influences: Vec<Influences> = surface.influences.iter().step_by(step).copied().collect();
+    let rest: Vec<Vec3> = surface.positions.iter().step_by(step).copied().collect();
+    let stances: Vec<Vec<Vec3>> =
+        poses.iter().map(|pose| centred(moved(&rest, &skinning.motions(&skinning.bones(pose), &influences)))).collect();
+    let rest = centred(rest);
+    let least_gain = LEAST_GAIN * rest.iter().map(|p| f64::from(p.length_squared())).sum::<f64>();
+    let mut nearest: Vec<f64> = stances.iter().map(|stance| squared_distance(stance, &rest)).collect();
+    let mut chosen = Vec::new();
+    while chosen.len() < n && !cancellation.is_cancelled() {
+        let gain = |candidate: &Vec<Vec3>| -> f64 {
+            let distances = stances.iter().map(|stance| squared_distance(stance, candidate));
+            nearest.iter().zip(distances).map(|(nearest, d)| (nearest - d).max(0.0)).sum()
+        };
+        let gains: Vec<f64> = stances.par_iter().map(gain).collect();
+        let best = (0..gains.len()).reduce(|best, i| if gains[i] > gains[best] { i } else { best });
+        let Some(best) = best.filter(|&i| gains[i] > least_gain) else { break };
+        chosen.push(&poses[best]);
+        let distances = stances.iter().map(|stance| squared_distance(stance, &stances[best]));
+        nearest.iter_mut().zip(distances).for_each(|(nearest, d)| *nearest = nearest.min(d));
+    }
+    chosen
+}
+
+fn centred(mut points: Vec<Vec3>) -> Vec<Vec3> {
+    let mean = points.iter().sum::<Vec3>() / points.len().max(1) as f32;
+    points.iter_mut().for_each(|p| *p -= mean);
+    points
+}
+
+fn squared_distance(a: &[Vec3], b: &[Vec3]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| f64::from(a.distance_squared(*b))).sum()
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::Mat4;
+
+    use super::*;
+    use crate::data::{Bone, Rig};
+
+    /// Two bones at the origin, a vertex at x = 1 on each; the second bone turns about z by `angles`.
+    fn model(angles: &[f32]) -> Model {
+        let bone = |node| Bone { node, inverse_bind: Mat4::IDENTITY, rest_world: Mat4::IDENTITY };
+        let pose = |(clip, &angle): (usize, &f32)| Pose {
+            frame: Some((clip, 0.0)),
+            world: vec![Mat4::IDENTITY, Mat4::from_rotation_z(angle)],
+        };
+        let surface = Surface {
+            positions: vec![Vec3::X; 2],
+            influences: vec![Influences::rigid(0), Influences::rigid(1)],
+            ..Surface::default()
+        };
+        let poses = angles.iter().enumerate().map(pose).collect();
+        let rig = Some(Rig { bones: vec![bone(0), bone(1)], source_skin: Some(0), poses });
+        Model { surface, rig, ..Model::empty("hinge") }
+    }
+
+    #[test]
+    fn poses_far_from_each_other_are_chosen_and_repeated_ones_are_not() {
+        let model = model(&[0.0, 1.5, 0.0, 1.5, -1.5]);
+        let skinning = LinearBlend::of(&model).expect("bones");
+        let chosen = representative(&skinning, skinning.poses(), &model.surface, 4, &Cancellation::default());
+        assert_eq!(chosen.iter().map(|p| p.frame).collect::<Vec<_>>(), [Some((1, 0.0)), Some((4, 0.0))]);
+        let poses = Poses::of(&model, 1, 4, &Cancellation::default()).expect("it moves");
+        assert_eq!((poses.count(), poses.all()), (1, 2));
+    }
+
+    #[test]
+    fn a_rig_without_clips_is_turned_at_its_joints() {
+        let mut model = crate::animation::skeleton::tests::arm();
+        model.surface.positions = (0..9).map(|i| Vec3::new(0.25 * i as f32, 0.1, 0.1)).collect();
+        model.surface.influences = (0..9).map(|i| Influences::rigid(i / 4)).collect();
+        let poses = Poses::of(&model, 2, 8, &Cancellation::default()).expect("it turns");
+        // The elbow and the wrist, both ways.
+        assert_eq!((poses.count(), poses.all()), (2, 4));
+        let (rest, elbow) = (&model.surface.positions, poses.source_in(0));
+        assert!(elbow[..4].iter().zip(rest).all(|(p, q)| p.distance(*q) < 1e-6));
+        assert!(elbow[4..].iter().zip(&rest[4..]).all(|(p, q)| p.distance(*q) > 0.05));
+    }
+
+    #[test]
+    fn clips_that_move_nothing_give_no_poses() {
+        let model = model(&[0.0, 0.0]);
+        assert!(Poses::of(&model, 4, 4, &Cancellation::default()).is_none());
+    }
+
+    #[test]
+    fn a_vertex_on_two_bones_goes_half_the_way() {
+        let model = model(&[std::f32::consts::PI]);
+        let poses = Poses::of(&model, 1, 1, &Cancellation::default()).expect("it moves");
+        let half = Influences { joints: [1, 0, 0, 0], weights: [0.5, 0.5, 0.0, 0.0] };
+        let mesh = TriMesh { positions: vec![Vec3::X; 2], triangles: Vec::new() };
+        let posed = poses.posed(&mesh, &poses.motions(&[Influences::rigid(1), half])).next().expect("a pose");
+        assert!(posed.positions[0].distance(-Vec3::X) < 1e-6 && posed.positions[1].length() < 1e-6);
+    }
+}

@@ -1,0 +1,95 @@
+use glam::{Affine2, Vec3, Vec4};
+
+/// glTF metallic-roughness material, factors in linear light.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Material {
+    /// As in the source; empty if unnamed.
+    pub name: String,
+    /// Linear RGBA, multiplied onto texture and vertex colour.
+    pub base_color: Vec4,
+    /// sRGB RGBA.
+    pub base_color_texture: Option<TextureRef>,
+    /// 0 to 1.
+    pub metallic: f32,
+    /// 0 to 1.
+    pub roughness: f32,
+    /// Roughness in green, metalness in blue.
+    pub metallic_roughness_texture: Option<TextureRef>,
+    /// Tangent-space normals.
+    pub normal_texture: Option<TextureRef>,
+    /// Scale of the normal map's x and y.
+    pub normal_scale: f32,
+    /// Occlusion in red.
+    pub occlusion_texture: Option<TextureRef>,
+    /// 0 to 1.
+    pub occlusion_strength: f32,
+    /// Linear, `KHR_materials_emissive_strength` multiplied in.
+    pub emissive: Vec3,
+    /// sRGB.
+    pub emissive_texture: Option<TextureRef>,
+    /// How alpha is used.
+    pub alpha_mode: AlphaMode,
+    /// Back faces are drawn too.
+    pub double_sided: bool,
+    /// `KHR_materials_unlit`.
+    pub unlit: bool,
+}
+
+/// Base colours up to this reflect nothing that anyone sees.
+const BLACK: f32 = 1e-3;
+
+impl Material {
+    /// Whether all that is seen of it is what it emits: the way that many tools write light that was baked into a texture.
+    /// Emission brighter than white is left to the light.
+    pub fn only_emits(&self) -> bool {
+        let dark = self.base_color.truncate().max_element() <= BLACK;
+        dark && !self.unlit && self.emissive.max_element() > BLACK && self.emissive.max_element() <= 1.0
+    }
+}
+
+impl Default for Material {
+    fn default() -> Self {
+        Self {
+            name: String::new(),
+            base_color: Vec4::ONE,
+            base_color_texture: None,
+            metallic: 1.0,
+            roughness: 1.0,
+            metallic_roughness_texture: None,
+            normal_texture: None,
+            normal_scale: 1.0,
+            occlusion_texture: None,
+            occlusion_strength: 1.0,
+            emissive: Vec3::ZERO,
+            emissive_texture: None,
+            alpha_mode: AlphaMode::Opaque,
+            double_sided: false,
+            unlit: false,
+        }
+    }
+}
+
+/// glTF alpha modes.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum AlphaMode {
+    /// Alpha is ignored.
+    Opaque,
+    /// Discarded below the cutoff.
+    Mask {
+        /// Alpha threshold.
+        cutoff: f32,
+    },
+    /// Drawn over what is behind.
+    Blend,
+}
+
+/// A texture as a material uses it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TextureRef {
+    /// Index into [`crate::data::Model::textures`].
+    pub texture: usize,
+    /// Index into [`crate::data::Surface::uvs`].
+    pub uv_set: usize,
+    /// `KHR_texture_transform`, applied to the vertex's coordinates.
+    pub transform: Affine2,
+}

@@ -1,0 +1,288 @@
+//! Bytes of objects: numbers and slices one behind the other.
+
+use bytemuck::{AnyBitPattern, NoUninit, Pod};
+use glam::Vec3;
+
+use super::Object;
+use crate::data::{Atlas, Cards, Deviation, Influences, TriMesh};
+use crate::data::{Candidate, Reconstruction};
+use crate::refine::Refined;
+use crate::simplify::Shape;
+
+#[derive(Default)]
+pub(crate) struct Writer(Vec<u8>);
+
+impl Writer {
+    pub(super) fn finish(self) -> Vec<u8> {
+        self.0
+    }
+
+    fn number<T: NoUninit>(&mut self, number: T) {
+        self.0.extend(bytemuck::bytes_of(&number));
+    }
+
+    fn slice<T: NoUninit>(&mut self, items: &[T]) {
+        self.number(items.len() as u64);
+        self.0.extend(bytemuck::cast_slice::<T, u8>(items));
+    }
+}
+
+pub(crate) struct Reader<'a>(&'a [u8]);
+
+impl<'a> Reader<'a> {
+    pub(super) fn new(bytes: &'a [u8]) -> Self {
+        Self(bytes)
+    }
+
+    pub(super) fn is_at_end(&self) -> bool {
+        self.0.is_empty()
+    }
+
+    fn number<T: AnyBitPattern>(&mut self) -> Option<T> {
+        self.take(size_of::<T>()).map(bytemuck::pod_read_unaligned)
+    }
+
+    fn flag(&mut self) -> Option<bool> {
+        match self.number::<u8>()? {
+            0 => Some(false),
+            1 => Some(true),
+            _ => None,
+        }
+    }
+
+    fn slice<T: Pod>(&mut self) -> Option<Vec<T>> {
+        let count = usize::try_from(self.number::<u64>()?).ok()?;
+        Some(bytemuck::pod_collect_to_vec(self.take(count.checked_mul(size_of::<T>())?)?))
+    }
+
+    fn take(&mut self, n: usize) -> Option<&'a [u8]> {
+        let (taken, rest) = self.0.split_at_checked(n)?;
+        self.0 = rest;
+        Some(taken)
+    }
+}
+
+impl<T: Object> Object for Vec<T> {
+    fn write(&self, writer: &mut Writer) {
+        writer.number(self.len() as u64);
+        self.iter().for_each(|object| object.write(writer));
+    }
+
+    fn read(reader: &mut Reader<'_>) -> Option<Self> {
+        (0..reader.number::<u64>()?).map(|_| T::read(reader)).collect()
+    }
+}
+
+impl<T: Object> Object for Option<T> {
+    fn write(&self, writer: &mut Writer) {
+        writer.number(u8::from(self.is_some()));
+        if let Some(object) = self {
+            object.write(writer);
+        }
+    }
+
+    fn read(reader: &mut Reader<'_>) -> Option<Self> {
+        if reader.flag()? { T::read(reader).map(Some) } else { Some(None) }
+    }
+}
+
+impl<A: Object, B: Object> Object for (A, B) {
+    fn write(&self, writer: &mut Writer) {
+        self.0.write(writer);
+        self.1.write(writer);
+    }
+
+    fn read(reader: &mut Reader<'_>) -> Option<Self> {
+        Some((A::read(reader)?, B::read(reader)?))
+    }
+}
+
+impl Object for TriMesh {
+    fn write(&self, writer: &mut Writer) {
+        writer.slice(&self.positions);
+        writer.slice(&self.triangles);
+    }
+
+    fn read(reader: &mut Reader<'_>) -> Option<Self> {
+        let mesh = Self { positions: reader.slice()?, triangles: reader.slice()? };
+        let vertices = mesh.positions.len();
+        mesh.triangles.as_flattened().iter().all(|&v| (v as usize) < vertices).then_some(mesh)
+    }
+}
+
+impl Object for Candidate {
+    fn write(&self, writer: &mut Writer) {
+        match *self {
+            Self::Reconstruction(Reconstruction { resolution, offset, keep }) => {
+                writer.number(0u8);
+                writer.number(resolution);
+                writer.number([offset, keep]);
+            }
+            Self::Source => writer.number(1u8),
+            Self::Cards => writer.number(2u8),
+        }
+    }
+
+    fn read(reader: &mut Reader<'_>) -> Option<Self> {
+        match reader.number::<u8>()? {
+            0 => {
+                let resolution = reader.number()?;
+                let [offset, keep] = reader.number()?;
+                Some(Self::Reconstruction(Reconstruction { resolution, offset, keep }))
+            }
+            1 => Some(Self::Source),
+            2 => Some(Self::Cards),
+            _ => None,
+        }
+    }
+}
+
+impl Object for Cards {
+    fn write(&self, writer: &mut Writer) {
+        let Self { group, source_group, reach } = self;
+        writer.slice(group);
+        writer.slice(source_group);
+        writer.slice(reach);
+    }
+
+    fn read(reader: &mut Reader<'_>) -> Option<Self> {
+        Some(Self { group: reader.slice()?, source_group: reader.slice()?, reach: reader.slice()? })
+    }
+}
+
+impl Object for Shape {
+    fn write(&self, writer: &mut Writer) {
+        let Self { mesh, double_sided, candidate, render_error, deviation, self_intersecting, cards } = self;
+        mesh.write(writer);
+        writer.number(u8::from(*double_sided));
+        candidate.write(writer);
+        writer.number(*render_error);
+        deviation.write(writer);
+        writer.number(*self_intersecting as u64);
+        cards.write(writer);
+    }
+
+    fn read(reader: &mut Reader<'_>) -> Option<Self> {
+        Some(Self {
+            mesh: TriMesh::read(reader)?,
+            double_sided: reader.flag()?,
+            candidate: Candidate::read(reader)?,
+            render_error: reader.number()?,
+            deviation: Object::read(reader)?,
+            self_intersecting: reader.number::<u64>()? as usize,
+            cards: Object::read(reader)?,
+        })
+    }
+}
+
+impl Object for Deviation {
+    fn write(&self, writer: &mut Writer) {
+        let Self { mean, percentile_95, max } = *self;
+        writer.number([mean, percentile_95, max]);
+    }
+
+    fn read(reader: &mut Reader<'_>) -> Option<Self> {
+        let [mean, percentile_95, max] = reader.number()?;
+        Some(Self { mean, percentile_95, max })
+    }
+}
+
+impl Object for Vec<Vec3> {
+    fn write(&self, writer: &mut Writer) {
+        writer.slice(self);
+    }
+
+    fn read(reader: &mut Reader<'_>) -> Option<Self> {
+        reader.slice()
+    }
+}
+
+impl Object for Vec<Influences> {
+    fn write(&self, writer: &mut Writer) {
+        writer.slice(&self.iter().map(|influences| influences.joints).collect::<Vec<_>>());
+        writer.slice(&self.iter().map(|influences| influences.weights).collect::<Vec<_>>());
+    }
+
+    fn read(reader: &mut Reader<'_>) -> Option<Self> {
+        let (joints, weights): (Vec<[u16; 4]>, Vec<[f32; 4]>) = (reader.slice()?, reader.slice()?);
+        let pairs = || joints.iter().zip(&weights);
+        (joints.len() == weights.len())
+            .then(|| pairs().map(|(&joints, &weights)| Influences { joints, weights }).collect())
+    }
+}
+
+impl Object for Refined {
+    fn write(&self, writer: &mut Writer) {
+        let Self { psnr_initial, psnr_texture, psnr } = *self;
+        writer.number([psnr_initial, psnr_texture, psnr]);
+    }
+
+    fn read(reader: &mut Reader<'_>) -> Option<Self> {
+        let [psnr_initial, psnr_texture, psnr] = reader.number()?;
+        Some(Self { psnr_initial, psnr_texture, psnr })
+    }
+}
+
+impl Object for Atlas {
+    fn write(&self, writer: &mut Writer) {
+        let Self { uvs, chart, charts, fill, stretch, worst_stretch, texels_per_unit } = self;
+        writer.slice(uvs);
+        writer.slice(chart);
+        writer.number(*charts as u64);
+        writer.number([*fill, *stretch, *worst_stretch, *texels_per_unit]);
+    }
+
+    fn read(reader: &mut Reader<'_>) -> Option<Self> {
+        let (uvs, chart, charts) = (reader.slice()?, reader.slice()?, reader.number::<u64>()? as usize);
+        let [fill, stretch, worst_stretch, texels_per_unit] = reader.number()?;
+        Some(Self { uvs, chart, charts, fill, stretch, worst_stretch, texels_per_unit })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::Vec2;
+
+    use super::super::{decode, encode};
+    use super::*;
+
+    fn shapes() -> Vec<Shape> {
+        let mesh = TriMesh { positions: vec![Vec3::X, Vec3::Y, Vec3::Z], triangles: vec![[0, 1, 2]] };
+        let candidate = Candidate::Reconstruction(Reconstruction::thick(128));
+        let cards = Cards { group: vec![3], source_group: vec![1, 2], reach: vec![0.5] };
+        let deviation = Deviation { mean: 0.1, percentile_95: 0.2, max: 0.3 };
+        let (double_sided, render_error, self_intersecting, cards) = (true, 0.25, 1, Some(cards));
+        let shape = Shape { mesh, double_sided, candidate, render_error, deviation, self_intersecting, cards };
+        vec![shape.clone(), Shape { candidate: Candidate::Source, cards: None, ..shape }]
+    }
+
+    #[test]
+    fn objects_survive_storage() {
+        let bytes = encode(&shapes());
+        let read: Vec<Shape> = decode(&bytes).expect("shapes");
+        assert_eq!(format!("{read:?}"), format!("{:?}", shapes()));
+        let uvs = vec![[Vec2::ZERO, Vec2::X, Vec2::Y]];
+        let (stretch, worst_stretch, texels_per_unit) = (1.5, 2.5, 9.0);
+        let atlas = Atlas { uvs, chart: vec![0], charts: 1, fill: 0.5, stretch, worst_stretch, texels_per_unit };
+        assert_eq!(decode(&encode(&atlas)), Some(atlas));
+        let influences = vec![Influences { joints: [3, 1, 0, 0], weights: [0.75, 0.25, 0.0, 0.0] }];
+        assert_eq!(decode(&encode(&influences)), Some(influences));
+    }
+
+    #[test]
+    fn damaged_bytes_are_no_object() {
+        let bytes = encode(&shapes());
+        for end in 0..bytes.len() {
+            assert!(decode::<Vec<Shape>>(&bytes[..end]).is_none(), "{end} bytes");
+        }
+        assert!(decode::<Vec<Shape>>(&[&bytes[..], b"!"].concat()).is_none());
+        for at in 0..bytes.len() {
+            let mut damaged = bytes.clone();
+            damaged[at] ^= 0x80;
+            // Whatever it reads as, nothing breaks and no index points outside.
+            for shape in decode::<Vec<Shape>>(&damaged).into_iter().flatten() {
+                shape.mesh.triangles.iter().for_each(|t| assert!(t.iter().all(|v| *v < 3)));
+            }
+        }
+    }
+}

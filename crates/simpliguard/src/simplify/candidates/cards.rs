@@ -1,0 +1,242 @@
+//! Foliage: thousands of small flat parts become a few hundred cards, after billboard clouds (Décoret et al. 2003).
+//!
+//! An opaque low-poly surface around a crown of leaves is a blob. Instead neighbouring leaves are grouped by halving the
+//! crown at medians, each group is replaced by the rectangle through its plane of least extent, and the rectangle is
+//! textured with what the group shows along its normal, cut out by alpha. What is no leaf collapses as usual.
+
+use glam::{Mat3, Vec3};
+
+use crate::data::{Candidate, Cards, NO_CARD, TriMesh, bounds};
+use crate::geometry::DisjointSets;
+use crate::simplify::budgets::simplify_to_budgets;
+use crate::simplify::input::{DIRECTIONS, SimplifyInput};
+use crate::simplify::{Inputs, Params, Shape, visibility, weld};
+
+/// Largest extent of a leaf, as a part of the frame's radius.
+const LEAF_SIZE: f32 = 0.25;
+/// Largest thickness of a leaf, as a part of its middle extent.
+const LEAF_THICKNESS: f32 = 0.35;
+/// Fewest leaves of a foliage.
+const LEAVES: usize = 300;
+/// Least part of the visible pixels that leaves cover.
+const LEAF_PIXELS: f64 = 0.25;
+/// Part of the budget that goes into what is no leaf.
+const TRUNK: f64 = 0.3;
+
+/// A source divided into leaves and the rest.
+struct Foliage {
+    mesh: TriMesh,
+    /// Triangle of the source for each of `mesh`.
+    source: Vec<u32>,
+    /// Triangles of each leaf.
+    leaves: Vec<Vec<u32>>,
+    /// Whether each triangle belongs to a leaf.
+    is_leaf: Vec<bool>,
+    pixels: Vec<u32>,
+}
+
+/// One shape per budget if the source is foliage, else `None`.
+pub(crate) fn shapes(inputs: &Inputs<'_>, params: &Params) -> Option<Vec<Shape>> {
+    let foliage = Foliage::find(inputs)?;
+    let shape = |&budget: &u32| {
+        let mut shape = foliage.shape(inputs, params, budget);
+        shape.deviation = inputs.deviation_metric.measure(&shape.mesh);
+        shape
+    };
+    Some(params.budgets.iter().map(shape).collect())
+}
+
+impl Foliage {
+    fn find(inputs: &Inputs<'_>) -> Option<Self> {
+        let opaque = inputs.opaque;
+        let (mesh, welded_from) = weld::weld(&opaque.mesh.positions, &opaque.mesh.triangles);
+        let mut sets = DisjointSets::new(mesh.positions.len());
+        for &[a, b, c] in &mesh.triangles {
+            sets.join(a as usize, b as usize);
+            sets.join(b as usize, c as usize);
+        }
+        let mut parts: Vec<Vec<u32>> = vec![Vec::new(); mesh.positions.len()];
+        for (t, triangle) in mesh.triangles.iter().enumerate() {
+            parts[sets.find(triangle[0] as usize)].push(t as u32);
+        }
+        parts.retain(|part| !part.is_empty());
+        if parts.len() < LEAVES {
+            return None;
+        }
+        let leaves: Vec<Vec<u32>> = parts.into_iter().filter(|p| is_leaf(&mesh, p, inputs.frame.radius)).collect();
+        if leaves.len() < LEAVES {
+            return None;
+        }
+        let pixels = visibility::visible_pixels(&mesh, &inputs.frame, DIRECTIONS, &|_| true, inputs.cancellation);
+        let mut leaf = vec![false; mesh.triangles.len()];
+        leaves.iter().flatten().for_each(|&t| leaf[t as usize] = true);
+        let count =
+            |of: bool| pixels.iter().zip(&leaf).filter(|(_, l)| **l == of).map(|(&n, _)| f64::from(n)).sum::<f64>();
+        let (seen, rest) = (count(true), count(false));
+        let source = welded_from.iter().map(|&t| opaque.source[t as usize]).collect();
+        (seen >= LEAF_PIXELS * (seen + rest)).then_some(Self { mesh, source, leaves, is_leaf: leaf, pixels })
+    }
+
+    fn shape(&self, inputs: &Inputs<'_>, params: &Params, budget: u32) -> Shape {
+        let mut mesh = self.trunk(inputs, params, (f64::from(budget) * TRUNK) as u32);
+        let mut cards = Cards {
+            group: vec![NO_CARD; mesh.triangles.len()],
+            source_group: vec![NO_CARD; inputs.model.surface.triangles.len()],
+            reach: Vec::new(),
+        };
+        let centres: Vec<(Vec3, u32)> = self.leaves.iter().zip(0..).map(|(leaf, i)| (self.centre(leaf), i)).collect();
+        let groups = halve(centres, (budget as usize - mesh.triangles.len()) / 2);
+        for (group, leaves) in groups.iter().enumerate() {
+            let triangles: Vec<u32> = leaves.iter().flat_map(|&l| &self.leaves[l as usize]).copied().collect();
+            for &t in &triangles {
+                cards.source_group[self.source[t as usize] as usize] = group as u32;
+            }
+            cards.reach.push(add_card(&mut mesh, &self.points(&triangles)));
+            cards.group.extend([group as u32; 2]);
+        }
+        Shape::unjudged(mesh, true, Candidate::Cards, Some(cards))
+    }
+
+    /// What is no leaf, collapsed to `budget` faces.
+    fn trunk(&self, inputs: &Inputs<'_>, params: &Params, budget: u32) -> TriMesh {
+        let kept = weld::cut(&self.mesh.filtered(|t| !self.is_leaf[t]));
+        if kept.triangles.is_empty() {
+            return TriMesh::default();
+        }
+        let pixels: Vec<u32> =
+            self.pixels.iter().zip(&self.is_leaf).filter(|(_, leaf)| !**leaf).map(|(&n, _)| n).collect();
+        let params = Params { budgets: vec![budget], remove_invisible: false, ..params.clone() };
+        let shapes = simplify_to_budgets(
+            inputs,
+            &params,
+            Candidate::Cards,
+            &SimplifyInput { mesh: kept, pixels, double_sided: true },
+        );
+        shapes.into_iter().map(|s| s.mesh).find(|m| m.triangles.len() <= budget as usize).unwrap_or_default()
+    }
+
+    fn points(&self, triangles: &[u32]) -> Vec<Vec3> {
+        triangles.iter().flat_map(|&t| self.mesh.corners(t as usize)).collect()
+    }
+
+    fn centre(&self, leaf: &[u32]) -> Vec3 {
+        let points = self.points(leaf);
+        points.iter().sum::<Vec3>() / points.len() as f32
+    }
+}
+
+/// Whether a part is small and flat.
+fn is_leaf(mesh: &TriMesh, part: &[u32], radius: f32) -> bool {
+    let points: Vec<Vec3> = part.iter().flat_map(|&t| mesh.corners(t as usize)).collect();
+    let (low, high) = bounds(&points);
+    if low.distance(high) > LEAF_SIZE * radius {
+        return false;
+    }
+    let extent = extents(&points, &principal_axes(&points)).1;
+    extent.z <= LEAF_THICKNESS * extent.y
+}
+
+/// Halves points at the median of their longest extent until there are `n` groups, the largest first.
+fn halve(points: Vec<(Vec3, u32)>, n: usize) -> Vec<Vec<u32>> {
+    let mut groups = vec![points];
+    while groups.len() < n {
+        let Some(i) = (0..groups.len()).max_by_key(|&i| (groups[i].len(), std::cmp::Reverse(i))) else { break };
+        if groups[i].len() < 2 {
+            break;
+        }
+        let mut group = groups.swap_remove(i);
+        let positions: Vec<Vec3> = group.iter().map(|p| p.0).collect();
+        let (low, high) = bounds(&positions);
+        let axis = (high - low).max_position();
+        group.sort_by(|a, b| a.0[axis].total_cmp(&b.0[axis]).then(a.1.cmp(&b.1)));
+        let upper = group.split_off(group.len() / 2);
+        groups.extend([group, upper]);
+    }
+    groups.into_iter().filter(|g| !g.is_empty()).map(|g| g.into_iter().map(|p| p.1).collect()).collect()
+}
+
+/// Adds the rectangle around `points` in their plane of least extent; returns how far they reach from it.
+fn add_card(mesh: &mut TriMesh, points: &[Vec3]) -> f32 {
+    let axes = principal_axes(points);
+    let (centre, extent) = extents(points, &axes);
+    // Never without area.
+    let least = extent.x.max(f32::MIN_POSITIVE) * 0.02;
+    let (u, v) = (axes.x_axis * extent.x.max(least), axes.y_axis * extent.y.max(least));
+    let first = mesh.positions.len() as u32;
+    mesh.positions.extend([centre - u - v, centre + u - v, centre + u + v, centre - u + v]);
+    mesh.triangles.extend([[first, first + 1, first + 2], [first, first + 2, first + 3]]);
+    extent.z.max(least)
+}
+
+/// Centre and half extents of points along axes.
+fn extents(points: &[Vec3], axes: &Mat3) -> (Vec3, Vec3) {
+    let local: Vec<Vec3> = points.iter().map(|p| axes.transpose() * *p).collect();
+    let (low, high) = bounds(&local);
+    (*axes * ((low + high) * 0.5), (high - low) * 0.5)
+}
+
+/// Orthonormal, right-handed axes of falling variance (Jacobi's method on the covariance).
+fn principal_axes(points: &[Vec3]) -> Mat3 {
+    let mean = points.iter().sum::<Vec3>() / points.len().max(1) as f32;
+    let mut a = Mat3::ZERO;
+    for d in points.iter().map(|p| *p - mean) {
+        a += Mat3::from_cols(d * d.x, d * d.y, d * d.z);
+    }
+    let mut axes = Mat3::IDENTITY;
+    for _ in 0..8 {
+        for (p, q) in [(0, 1), (0, 2), (1, 2)] {
+            let off = a.col(p)[q];
+            if off == 0.0 {
+                continue;
+            }
+            let theta = (a.col(q)[q] - a.col(p)[p]) / (2.0 * off);
+            let t = if theta < 0.0 { -1.0 } else { 1.0 } / (theta.abs() + (theta * theta + 1.0).sqrt());
+            let c = 1.0 / (t * t + 1.0).sqrt();
+            let mut rotation = Mat3::IDENTITY;
+            rotation.col_mut(p)[p] = c;
+            rotation.col_mut(q)[q] = c;
+            rotation.col_mut(p)[q] = -t * c;
+            rotation.col_mut(q)[p] = t * c;
+            a = rotation.transpose() * a * rotation;
+            axes *= rotation;
+        }
+    }
+    let mut order = [0, 1, 2];
+    order.sort_by(|&i, &j| a.col(j)[j].total_cmp(&a.col(i)[i]).then(i.cmp(&j)));
+    let (x, y) = (axes.col(order[0]).normalize_or(Vec3::X), axes.col(order[1]).normalize_or(Vec3::Y));
+    Mat3::from_cols(x, y, x.cross(y))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn slab() -> Vec<Vec3> {
+        let turn = glam::Quat::from_xyzw(0.2, 0.4, 0.1, 0.8).normalize();
+        (0..8)
+            .map(|i| turn * Vec3::new((i & 1) as f32 * 4.0, (i >> 1 & 1) as f32 * 2.0, (i >> 2) as f32 * 0.5))
+            .collect()
+    }
+
+    #[test]
+    fn axes_follow_a_turned_slab() {
+        let (_, half) = extents(&slab(), &principal_axes(&slab()));
+        assert!((half - Vec3::new(2.0, 1.0, 0.25)).length() < 1e-4, "{half}");
+    }
+
+    #[test]
+    fn a_card_covers_its_group_and_knows_its_depth() {
+        let mut mesh = TriMesh::default();
+        let reach = add_card(&mut mesh, &slab());
+        let area: f32 = (0..2).map(|t| mesh.area_vector(t).length() * 0.5).sum();
+        assert!((area - 8.0).abs() < 1e-3 && (reach - 0.25).abs() < 1e-4, "{area} {reach}");
+    }
+
+    #[test]
+    fn halving_gives_groups_of_neighbours() {
+        let points = (0..8).map(|i| (Vec3::new(i as f32, 0.0, 0.0), i)).collect();
+        let mut groups = halve(points, 4);
+        groups.sort();
+        assert_eq!(groups, [[0, 1], [2, 3], [4, 5], [6, 7]]);
+    }
+}

@@ -1,0 +1,4 @@
+//! Generators of candidates.
+
+pub(super) mod cards;
+pub(super) mod reconstruction;

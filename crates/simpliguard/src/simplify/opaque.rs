@@ -1,0 +1,95 @@
+//! The part of a source that has a shape: what is all but clear does not.
+
+use glam::Vec3;
+use rayon::prelude::*;
+
+use crate::data::{AlphaMode, TriMesh};
+use crate::geometry::Bvh;
+use crate::render::{Footprint, SurfaceSampler};
+
+/// Least mean opacity of a blended triangle, and least part of a masked one that is not cut out.
+const OPACITY: f32 = 0.25;
+/// Points of a triangle whose opacity is looked at.
+const POINTS: [[f32; 3]; 7] = [
+    [0.34, 0.33, 0.33],
+    [0.8, 0.1, 0.1],
+    [0.1, 0.8, 0.1],
+    [0.1, 0.1, 0.8],
+    [0.45, 0.45, 0.1],
+    [0.45, 0.1, 0.45],
+    [0.1, 0.45, 0.45],
+];
+
+/// A source's triangles without those that are all but clear, such as the cornea of an eye. All of them, if all are.
+pub struct OpaqueSurface {
+    /// The triangles.
+    pub mesh: TriMesh,
+    /// Over `mesh`.
+    pub bvh: Bvh,
+    /// Index of each triangle in the source.
+    pub source: Vec<u32>,
+}
+
+impl OpaqueSurface {
+    /// Sorts out the triangles of the sampled model.
+    pub fn of(sampler: &SurfaceSampler<'_>) -> Self {
+        let surface = &sampler.model().surface;
+        let all: Vec<u32> = (0..surface.triangles.len() as u32).collect();
+        let opaque: Vec<u32> = all.par_iter().copied().filter(|&t| is_opaque(sampler, t as usize)).collect();
+        let source = if opaque.is_empty() { all } else { opaque };
+        let triangles = source.iter().map(|&t| surface.triangles[t as usize]).collect();
+        let mesh = TriMesh { positions: surface.positions.clone(), triangles };
+        Self { bvh: Bvh::new(&mesh.positions, &mesh.triangles), mesh, source }
+    }
+}
+
+fn is_opaque(sampler: &SurfaceSampler<'_>, t: usize) -> bool {
+    let mode = sampler.material(t).alpha_mode;
+    if mode == AlphaMode::Opaque {
+        return true;
+    }
+    let footprint = Footprint::new(0.1, 1.0);
+    let opacity = |b: &[f32; 3]| {
+        let alpha = sampler.color(t, Vec3::from(*b), footprint).w;
+        match mode {
+            AlphaMode::Mask { cutoff } => f32::from(u8::from(alpha >= cutoff)),
+            _ => alpha,
+        }
+    };
+    POINTS.iter().map(opacity).sum::<f32>() >= OPACITY * POINTS.len() as f32
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::data::{Material, Model, Surface};
+    use glam::Vec4;
+
+    fn model(alphas: &[f32]) -> Model {
+        let material = |&a: &f32| Material {
+            base_color: Vec4::new(1.0, 1.0, 1.0, a),
+            alpha_mode: AlphaMode::Blend,
+            ..Material::default()
+        };
+        let surface = Surface {
+            positions: vec![Vec3::ZERO, Vec3::X, Vec3::Y],
+            normals: vec![Vec3::Z; 3],
+            triangles: vec![[0, 1, 2]; alphas.len()],
+            material: (0..alphas.len() as u32).collect(),
+            ..Surface::default()
+        };
+        Model { surface, materials: alphas.iter().map(material).collect(), ..Model::empty("glass") }
+    }
+
+    #[test]
+    fn clear_triangles_are_left_out() {
+        let model = model(&[0.1, 1.0, 0.6]);
+        assert_eq!(OpaqueSurface::of(&SurfaceSampler::new(&model)).source, [1, 2]);
+    }
+
+    #[test]
+    fn a_model_of_glass_alone_is_kept() {
+        let model = model(&[0.1, 0.05]);
+        assert_eq!(OpaqueSurface::of(&SurfaceSampler::new(&model)).source, [0, 1]);
+    }
+}
