@@ -333,7 +333,7 @@ settings! {
     watertight: bool = always(false), Limit::None, [Shape];
     /// How a level gets its joint weights.
     skin_transfer: SkinTransfer = always(SkinTransfer::ClosestSurface), Limit::None, [Rig];
-    /// Skeleton that move less than so many faces of a level, with all that hangs on them, give way to the joint above in it, and
+    /// Joints that move less than so many faces of a level, with all that hangs on them, give way to the joint above in it, and
     /// its skin lists only those that are left; 0 keeps all.
     bone_faces: f32 = always(0.0), Limit::Between(0.0, 1000.0), [Rig, Export];
     /// What becomes of the source's morph targets.
