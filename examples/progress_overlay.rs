@@ -2,9 +2,9 @@
 //! `cargo run --example progress_overlay`. With `-- --screenshot DIR` and an empty cache it ends with a picture of a bake under
 //! way and one of the result.
 //!
-//! The panel is the feature `overlay` of the plugin: `bevy_simpliguard = { version = "0.1", features = ["overlay"] }`. Hidden,
-//! it costs nothing, so a game may keep it. What it shows a game can have for itself: the messages `BakeStarted`,
-//! `BakeProgress`, `BakeFinished` and `BakeFailed`, and the resource `LodStats`.
+//! The panel is the feature `overlay` of the plugin: `features = ["overlay"]` beside its path in `Cargo.toml`. Hidden, it costs
+//! nothing, so a game may keep it. What it shows a game can have for itself: the messages `BakeStarted`, `BakeProgress`,
+//! `BakeFinished` and `BakeFailed`, and the resource `LodStats`.
 
 #[path = "shared/pictures.rs"]
 mod pictures;

@@ -13,7 +13,7 @@
 //!    `SimpliguardPlugin { profile: Some("mobile".into()), ..default() }`.
 //! 4. The file beside the model, `octopus.glb.meta`: for one model, in the format of Bevy's asset processor.
 //!
-//! All take the same fields; the README lists them. Nothing has to be restarted for a change: while a game runs (try
+//! All take the same fields; `docs/settings.md` lists them. Nothing has to be restarted for a change: while a game runs (try
 //! `cargo run`), saving one of these files bakes the models that it changes and shows them. A mistake is reported with line,
 //! column and the name that was probably meant, and the model keeps its last levels.
 

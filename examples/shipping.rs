@@ -13,7 +13,7 @@
 //! bake = ["bevy_simpliguard/bake"]    # cargo build --release --no-default-features: ships
 //!
 //! [dependencies]
-//! bevy_simpliguard = { version = "0.1", default-features = false }
+//! bevy_simpliguard = { path = "../simpliguard/crates/bevy_simpliguard", default-features = false }
 //! ```
 //!
 //! Without `bake` Bevy has no asset processor and `AssetMode::Processed` reads `imported_assets/Default` as it is, and of the

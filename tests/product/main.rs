@@ -4,7 +4,7 @@ mod assets;
 mod bake;
 mod bevy_cli;
 mod crowd;
+mod docs;
 mod plugin;
 mod pops;
-mod readme;
 mod tree;

@@ -24,3 +24,8 @@ pub use plugin::{BakeMode, BakePriority, SimpliguardPlugin};
 #[cfg(doctest)]
 #[doc = include_str!("../../../README.md")]
 struct Readme;
+
+/// Compiles what the guide shows.
+#[cfg(doctest)]
+#[doc = include_str!("../../../docs/bevy.md")]
+struct Guide;
