@@ -2,41 +2,44 @@
 
 use std::fmt;
 
-/// Names the stage an error or a time belongs to.
+/// Names a stage of the pipeline. The order is that of [`crate::STAGES`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, serde::Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum StageId {
-    /// Settings are resolved and checked.
-    Settings,
     /// glTF to [`crate::data::Model`].
     Import,
+    /// Views of the source.
+    Views,
     /// Watertight surface around the source.
     Reconstruct,
-    /// Collapse to the budget, unseen faces dropped.
-    Shape,
-    /// Skin influences of the level.
-    Rig,
+    /// Candidates collapsed to the budgets, the best selected.
+    Simplify,
     /// Charts and texture coordinates.
     Unwrap,
-    /// Initial textures.
+    /// Skin influences of the level.
+    Skinning,
+    /// Initial texture.
     Texture,
     /// Differentiable rendering.
     Refine,
-    /// Level meshes to binary glTF.
+    /// Texture set on the final vertices.
+    Maps,
+    /// Source and levels to binary glTF.
     Export,
 }
 
 impl fmt::Display for StageId {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
-            Self::Settings => "settings",
             Self::Import => "import",
+            Self::Views => "views",
             Self::Reconstruct => "reconstruct",
-            Self::Shape => "shape",
-            Self::Rig => "rig",
+            Self::Simplify => "simplify",
             Self::Unwrap => "unwrap",
+            Self::Skinning => "skinning",
             Self::Texture => "texture",
             Self::Refine => "refine",
+            Self::Maps => "maps",
             Self::Export => "export",
         })
     }

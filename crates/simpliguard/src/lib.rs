@@ -31,8 +31,10 @@ pub mod unwrap;
 pub use cancellation::Cancellation;
 pub use error::{Error, StageId};
 pub use pipeline::context::{Context, PreviewSink, Progress, ProgressSink, StageStore};
+pub use pipeline::params::Params;
+pub use pipeline::report::{LevelReport, LevelTopology, Report, StageSeconds, Status};
+pub use pipeline::stage::{STAGES, Stage};
+pub use pipeline::store::bake_key;
 pub use pipeline::store::key::{Key, KeyBuilder, content_hash};
-pub use pipeline::{
-    Baked, LevelReport, LevelTopology, OPT_LEVEL, PIPELINE_VERSION, Report, STAGES, Stage, StageSeconds, Status, bake,
-};
+pub use pipeline::{Baked, OPT_LEVEL, PIPELINE_VERSION, bake};
 pub use source::{NoResources, RelativeUri, Resources, Source};

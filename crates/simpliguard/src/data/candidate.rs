@@ -3,7 +3,7 @@
 use super::TriMesh;
 
 /// Where a shape came from.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub enum Candidate {
     /// A reconstruction at this resolution.
     Reconstruction(Reconstruction),
@@ -24,7 +24,7 @@ impl std::fmt::Display for Candidate {
 }
 
 /// How to reconstruct.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct Reconstruction {
     /// Cells along the longest side, a multiple of 8, at least 32.
     pub resolution: u32,

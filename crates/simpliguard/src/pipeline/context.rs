@@ -1,4 +1,4 @@
-//! What surrounds a bake: cancellation, progress, and what earlier bakes left behind. Never the data being baked.
+//! The surroundings of a bake: cancellation, progress, and the store of earlier bakes. Never the data being baked.
 
 use bytes::Bytes;
 
@@ -11,7 +11,7 @@ pub struct Progress {
     pub stage: StageId,
     /// The level at work, counted from 1, or `None` while the stage serves all levels.
     pub level: Option<usize>,
-    /// Part of the whole bake that is done, 0 to 1; never falls.
+    /// Fraction of the whole bake that is done, 0 to 1. It never falls.
     pub fraction: f32,
 }
 
@@ -21,19 +21,19 @@ pub trait ProgressSink: Sync {
     fn report(&self, progress: Progress);
 }
 
-/// Keeps what stages have made, so that a later bake that differs in other stages need not make it again. It may forget
-/// anything at any time; what it returns must be what was stored. Called from worker threads.
+/// Keeps the results of stages, so that a later bake with other parameters for later stages does not compute them again.
+/// The store may forget anything at any time. It returns the bytes that were stored. Called from worker threads.
 pub trait StageStore: Sync {
-    /// What was stored under a key, if it is still there and undamaged.
+    /// The object stored under a key, if it is still there and undamaged.
     fn get(&self, key: &Key) -> Option<Bytes>;
-    /// Stores an object, or not.
+    /// Stores an object. A store that cannot do so forgets it.
     fn put(&self, key: &Key, bytes: &[u8]);
 }
 
 /// Takes levels that can be shown while better ones are made; called from a worker thread.
 pub trait PreviewSink: Sync {
-    /// Takes one binary glTF: the source, and behind it the levels with their texture as it was baked, on vertices as an
-    /// earlier bake with another texture has refined them, if `stages` knows any.
+    /// Takes one binary glTF: the source, and behind it the levels with their initial texture. Their vertices are those of
+    /// an earlier bake with another texture, if the store holds them.
     fn show(&self, glb: Vec<u8>);
 }
 
@@ -42,25 +42,18 @@ pub trait PreviewSink: Sync {
 pub struct Context<'a> {
     /// Looked at between and within stages.
     pub cancellation: Cancellation,
-    /// Told about every stage as it begins.
+    /// Receives every stage as it begins.
     pub progress: Option<&'a dyn ProgressSink>,
     /// Asked before the costly stages. Changes no byte of the result.
     pub stages: Option<&'a dyn StageStore>,
-    /// Shown levels where they are there long before the result: `stages` knows their shapes and not their descent, as after
-    /// a change of a texture. Changes no byte of the result.
+    /// Shown the levels where they are ready long before the result: the store holds their shapes but not their refined
+    /// vertices, as after a change of a texture. Changes no byte of the result.
     pub preview: Option<&'a dyn PreviewSink>,
 }
 
 impl Context<'_> {
     /// `Err` once the bake is cancelled.
     pub fn check(&self, asset: &str) -> Result<(), Error> {
-        if self.cancellation.is_cancelled() { Err(Error::Cancelled { asset: asset.to_owned() }) } else { Ok(()) }
-    }
-
-    /// Passes a report on to the sink.
-    pub fn report(&self, stage: StageId, level: Option<usize>, fraction: f32) {
-        if let Some(sink) = self.progress {
-            sink.report(Progress { stage, level, fraction });
-        }
+        self.cancellation.check(asset)
     }
 }

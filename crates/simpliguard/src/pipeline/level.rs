@@ -1,405 +1,307 @@
-//! From a shape to a finished level: unwrap, texture, refine, rig.
+//! From a shape to a finished level: unwrap, skinning, texture, refine, maps.
 
-use std::sync::{Mutex, PoisonError};
-
-use glam::{Vec3, Vec4};
+use glam::Vec3;
 use rayon::prelude::*;
 
-use crate::animation::{Motions, Poses};
-use crate::data::Candidate;
-use crate::data::{Atlas, Cards, Influences, Level, Model, TriMesh, linear_to_srgb};
-use crate::geometry::{BoundingSphere, Bvh};
-use crate::pipeline::clock::Clock;
-use crate::pipeline::store::{atlas_key, vertices_key, warm_start_key};
-use crate::pipeline::{LevelReport, LevelTopology};
-use crate::refine::{self, LowPoly, Refined, Skin, Solver, TextureAdam, TextureFit};
-use crate::render::{SurfaceSample, SurfaceSampler, View, ViewRenderer};
-use crate::settings::{BakeSettings, InitialTexture, MorphTargets, SkinTransfer, TextureSolver};
-use crate::simplify::{self, DeviationMetric, JointPlanes, Shape};
-use crate::skinning::{self, BoneRemap, JointSplit, SkinSource, Transfer};
-use crate::texture::{self, Channels, Texel};
-use crate::unwrap::{UnwrapParams, unwrap};
-use crate::{Context, Error, Key, Progress, ProgressSink, StageId};
+use super::level_texture::LevelTexture;
+use super::params::{LevelParams, Params};
+use super::report::{LevelReport, LevelTopology};
+use super::runner::Runner;
+use super::shapes::Shapes;
+use super::source::PreparedSource;
+use super::store::{atlas_key, vertices_key, warm_start_key};
+use super::views::Views;
+use crate::animation::Motions;
+use crate::data::{Atlas, Candidate, Influences, Level, TriMesh};
+use crate::refine::{self, LowPoly, RefineParams, Refined, Skin, TexelGrid, TextureFit, ViewTarget};
+use crate::render::SurfaceSample;
+use crate::settings::JointPlanes;
+use crate::simplify::{self, Shape};
+use crate::skinning;
+use crate::texture::{self, Channels};
+use crate::unwrap::unwrap;
+use crate::{Error, StageId};
 
-/// Part of the whole bake that is done when the levels begin.
-pub(crate) const LEVELS_BEGIN: f32 = 0.4;
-/// Largest texture during descent: a view resolves no more, and the last solution is at full size.
+/// Largest texture while vertices are moved: a view resolves no more, and the final texture has the full size.
 const FITTED_SIZE: usize = 512;
-/// Most faces of a level whose vertices are moved at half size: the edges of others are but a few pixels long there.
-const COARSE_FACES: u32 = 2000;
-/// Such a level takes this many times the steps of one that is refined at full size alone.
-const COARSE_MORE: u32 = 3;
-/// Difference of colours at which a pixel counts half in the last solution.
+/// Difference of colours at which a pixel counts half in the final texture.
 const TRUST: f32 = 0.3;
-/// Encoded grey of a texture that has not been made.
-const GREY: Vec4 = Vec4::new(0.5, 0.5, 0.5, 1.0);
+/// Least fraction of a budget that needs no reason.
+const FULL_BUDGET: f64 = 0.98;
+/// One texel in this many may be clear in a level that is not cut out.
+const CLEAR_TEXELS: usize = 20;
 
-/// What all levels share.
+/// Everything that the levels of a bake share.
 #[derive(Clone, Copy)]
-pub(crate) struct Shared<'a> {
-    pub(crate) model: &'a Model,
-    pub(crate) sampler: &'a SurfaceSampler<'a>,
-    pub(crate) bvh: &'a Bvh,
-    pub(crate) skin_source: &'a SkinSource<'a>,
-    pub(crate) deviation_metric: &'a DeviationMetric<'a>,
-    pub(crate) frame: BoundingSphere,
-    pub(crate) views: &'a [View],
-    pub(crate) view_renderer: &'a ViewRenderer<'a>,
-    /// Its views at half the size, unless no level is expected to need them.
-    pub(crate) halves: Option<&'a [View]>,
-    pub(crate) poses: Option<&'a Poses<'a>>,
-    pub(crate) planes: &'a JointPlanes,
-    pub(crate) seed: u64,
-    /// Of the source's files, if stages are stored.
-    pub(crate) content: Option<Key>,
-    pub(crate) settings: &'a BakeSettings,
-    /// Shown while the result is made: vertices may lie where an earlier bake of other pictures has left them.
-    pub(crate) preview: bool,
-    pub(crate) context: &'a Context<'a>,
-    pub(crate) clock: &'a Clock,
+pub(super) struct Levels<'a> {
+    pub(super) source: &'a PreparedSource<'a>,
+    pub(super) views: &'a Views<'a>,
+    pub(super) params: &'a Params,
+    pub(super) shapes: &'a Shapes,
+    /// Vertices may lie where an earlier bake with other views has left them: for a preview.
+    pub(super) warm_start: bool,
+    pub(super) run: &'a Runner<'a>,
 }
 
-/// A mesh with its place in the atlas.
-struct Canvas<'a> {
-    shared: &'a Shared<'a>,
-    atlas: &'a Atlas,
-    size: usize,
-    texels: Vec<Option<Texel>>,
-}
-
-/// Makes a level for each budget from its shape.
-pub(crate) fn make_levels(
-    shared: &Shared<'_>,
-    wanted: &[(u32, &Shape)],
-) -> Result<(Vec<Level>, Vec<LevelReport>), Error> {
-    let told = vec![LEVELS_BEGIN; wanted.len()];
-    let overall = shared.context.progress.map(|sink| Overall { sink, levels: Mutex::new(told) });
-    let progress = overall.as_ref().map(|overall| overall as &dyn ProgressSink);
-    let context = Context { progress, ..shared.context.clone() };
-    let shared = &Shared { context: &context, ..*shared };
-    let make = |(i, &(budget, shape)): (usize, &(u32, &Shape))| make_level(shared, i as u32 + 1, budget, shape);
-    let made: Result<Vec<_>, Error> = wanted.par_iter().enumerate().map(make).collect();
-    Ok(made?.into_iter().unzip())
-}
-
-/// How far all levels are: the mean of how far each is, whether they are made together or one after the other.
-struct Overall<'a> {
-    sink: &'a dyn ProgressSink,
-    /// What each has told.
-    levels: Mutex<Vec<f32>>,
-}
-
-impl ProgressSink for Overall<'_> {
-    fn report(&self, progress: Progress) {
-        let mut levels = self.levels.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some(level) = progress.level.and_then(|number| levels.get_mut(number - 1)) {
-            *level = level.max(progress.fraction);
-        }
-        let fraction = levels.iter().sum::<f32>() / levels.len() as f32;
-        // Still under the lock, so that a report is not overtaken by a later one.
-        self.sink.report(Progress { fraction, ..progress });
+impl Levels<'_> {
+    /// Makes the levels side by side, and a report of each.
+    pub(super) fn make(&self) -> Result<(Vec<Level>, Vec<LevelReport>), Error> {
+        let levels = &self.shapes.levels;
+        self.run.expect_levels(levels.len());
+        let make = |(i, (budget, shape)): (usize, &(u32, Shape))| {
+            let (number, params) = (i + 1, self.params.level(*budget, shape.cards.is_some()));
+            LevelMaker { all: *self, number, budget: *budget, shape, params, run: self.run.level(number) }.make()
+        };
+        let made: Result<Vec<_>, Error> = levels.par_iter().enumerate().map(make).collect();
+        Ok(made?.into_iter().unzip())
     }
 }
 
-/// Makes level `number` (from 1) of `budget` faces from its shape.
-fn make_level(shared: &Shared<'_>, number: u32, budget: u32, shape: &Shape) -> Result<(Level, LevelReport), Error> {
-    let Shared { model, settings, context, clock, .. } = *shared;
-    context.check(&model.name)?;
-    // Cards have their outline in the texture.
-    let size = if shape.cards.is_some() { settings.texture_size } else { texture_size(settings, budget) } as usize;
-    let params = UnwrapParams { size: size as u32, gutter: settings.gutter };
-    context.report(StageId::Unwrap, Some(number as usize), LEVELS_BEGIN);
-    let atlas = clock.time(StageId::Unwrap, || {
-        let density = simplify::texel_density(&shape.mesh, &shared.frame, shape.double_sided, &context.cancellation);
-        let key = context.key(|| atlas_key(&shape.mesh, &density, &params));
-        context.stored(key, || Ok(unwrap(&shape.mesh, Some(&density), &params, &context.cancellation)))
-    })?;
-    context.check(&model.name)?;
-    context.report(StageId::Rig, Some(number as usize), 0.42);
-    let influences = clock.time(StageId::Rig, || influences(shared, &shape.mesh));
-    let still = shape.cards.is_some() || !settings.refine || settings.refine_steps == 0;
-    let fitted = match still {
-        true => Fitted::unmoved(shared, &atlas, shape, influences),
-        false => fit(shared, &atlas, size, shape, influences, number, budget)?,
-    };
-    let (Fitted { mut low, influences, refined }, atlas) = match shape.cards {
-        Some(_) => (fitted, atlas),
-        None => split_at_joints(shared, fitted, atlas, budget),
-    };
-    let canvas = Canvas::new(shared, &atlas, size);
-    let mesh = low.mesh();
-    context.check(&model.name)?;
-    context.report(StageId::Texture, Some(number as usize), 0.85);
-    let samples = clock.time(StageId::Texture, || canvas.bake(&mesh, shape.cards.as_ref()));
-    context.check(&model.name)?;
-    let alpha = refined.is_none() && is_cut_out(shape, &samples);
-    low.double_sided |= alpha;
-    let (low, fit) = clock.time(StageId::Refine, || canvas.finish(low, &samples, alpha));
-    context.check(&model.name)?;
-    // The differentiable renderer does not see through a cut-out.
-    let refined = (!alpha).then_some(Refined { psnr: fit.psnr, ..refined.unwrap_or(fit) });
-
-    let unlit = model.materials.iter().all(|m| m.unlit);
-    let channels = Channels { normal: settings.normal_map && !unlit, alpha, format: settings.texture_format };
-    let topology = LevelTopology::of(&mesh);
-    context.check(&model.name)?;
-    let deviation = shared.deviation_metric.measure(&mesh);
-    context.check(&model.name)?;
-    let (mesh, textures, material) = clock.time(StageId::Texture, || {
-        let morphs = match settings.morph_targets {
-            MorphTargets::Transfer => skinning::transfer_morphs(shared.skin_source, &mesh),
-            MorphTargets::Drop => Vec::new(),
-        };
-        let mesh = texture::level_mesh(&mesh, &atlas, &influences, &morphs, channels.normal);
-        let (textures, varying) = texture::maps(&mesh, &canvas.texels, &samples, &low.texels, size, channels);
-        (mesh, textures, texture::level_material(&varying, alpha, low.double_sided, unlit))
-    });
-    context.check(&model.name)?;
-    let faces = mesh.triangles.len() as u32;
-    let report = LevelReport {
-        level: number,
-        budget,
-        faces,
-        stopped: (f64::from(faces) < 0.98 * f64::from(budget))
-            .then(|| "small parts vanish several faces at a time, and the next would be one too many".to_owned()),
-        candidate: shape.candidate.to_string(),
-        error: deviation.percentile_95,
-        deviation,
-        topology,
-        charts: atlas.charts as u32,
-        fill: atlas.fill,
-        stretch: atlas.stretch,
-        worst_stretch: atlas.worst_stretch,
-        refined,
-    };
-    Ok((
-        Level {
-            budget,
-            error: deviation.percentile_95,
-            mesh,
-            own_joints: settings.bone_faces > 0.0,
-            material,
-            textures,
-        },
-        report,
-    ))
+/// Makes one level.
+struct LevelMaker<'a> {
+    all: Levels<'a>,
+    /// Counted from 1.
+    number: usize,
+    budget: u32,
+    shape: &'a Shape,
+    params: LevelParams,
+    run: Runner<'a>,
 }
 
-/// A level's mesh with its vertices where they stay.
-struct Fitted {
+/// A level's mesh with its initial texture, and how the texture is fitted.
+struct Textured {
+    low: LowPoly,
+    fit: Option<TextureFit>,
+}
+
+/// A level's mesh with its final vertices.
+struct Vertices {
     low: LowPoly,
     influences: Vec<Influences>,
-    /// What descent gained, unless there was none.
+    /// Gain of the refinement; `None` if the vertices were not moved.
     refined: Option<Refined>,
 }
 
-impl Fitted {
-    /// The shape as it is, without a texture.
-    fn unmoved(shared: &Shared<'_>, atlas: &Atlas, shape: &Shape, influences: Vec<Influences>) -> Self {
-        let mut low = LowPoly::new(&shape.mesh, atlas, shape.double_sided, 1, Vec::new(), Vec::new());
-        let moved: Option<Vec<Vec3>> =
-            shared.preview.then(|| shared.context.find(&warm_start_key(&shape.mesh))).flatten();
+/// A level with its final texture.
+struct Finished {
+    low: LowPoly,
+    influences: Vec<Influences>,
+    /// Samples of the source at each texel.
+    samples: Vec<Option<SurfaceSample>>,
+    /// Its outline is in its texture.
+    cut_out: bool,
+    refined: Option<Refined>,
+}
+
+impl LevelMaker<'_> {
+    fn make(&self) -> Result<(Level, LevelReport), Error> {
+        let atlas = self.unwrap()?;
+        let influences = self.skin()?;
+        let vertices = match self.initial_texture(&atlas, &influences)? {
+            Some(textured) => self.refine(textured, influences)?,
+            None => self.unmoved(&atlas, influences),
+        };
+        let (vertices, atlas) = self.split_at_joints(vertices, atlas);
+        self.finish(vertices, &atlas)
+    }
+
+    /// Charts and texture coordinates, denser where more is seen.
+    fn unwrap(&self) -> Result<Atlas, Error> {
+        let Self { shape, run, .. } = self;
+        let (mesh, params, cancellation) = (&shape.mesh, &self.params.unwrap, run.cancellation());
+        run.run(StageId::Unwrap, || {
+            let sphere = &self.all.source.index.sphere;
+            let density = simplify::texel_density(mesh, sphere, shape.double_sided, cancellation);
+            let key = run.key(|| atlas_key(mesh, &density, params));
+            run.get_or_put(key, || Ok(unwrap(mesh, Some(&density), params, cancellation)))
+        })?
+    }
+
+    fn skin(&self) -> Result<Vec<Influences>, Error> {
+        self.run.run(StageId::Skinning, || self.influences(&self.shape.mesh))
+    }
+
+    fn influences(&self, mesh: &TriMesh) -> Vec<Influences> {
+        let poses = self.all.source.index.poses.as_ref().filter(|_| !self.run.cancellation().is_cancelled());
+        skinning::skin(&self.all.source.skin_source, poses, mesh, &self.params.skinning)
+    }
+
+    fn motions(&self, influences: &[Influences]) -> Motions {
+        let poses = self.all.source.index.poses.as_ref();
+        poses.map_or_else(Motions::default, |poses| poses.all_motions(influences))
+    }
+
+    /// The initial texture that vertices are moved with. `None` if they stay where they are: cut-outs and cards have their
+    /// outline in the texture.
+    fn initial_texture(&self, atlas: &Atlas, influences: &[Influences]) -> Result<Option<Textured>, Error> {
+        let Self { shape, run, .. } = self;
+        if shape.cards.is_some() || !self.params.refine.moves_vertices() {
+            return Ok(None);
+        }
+        run.run(StageId::Texture, || {
+            let texture = self.texture(atlas, (self.params.unwrap.size as usize).min(FITTED_SIZE));
+            let samples = texture.bake(&shape.mesh, None, run.cancellation());
+            if is_cut_out(shape, &samples) {
+                return None;
+            }
+            let low = LowPoly::new(&shape.mesh, atlas, shape.double_sided, texture.initial(&samples, false));
+            Some(Textured { low: low.with_motions(self.motions(influences)), fit: texture.fit(&samples, None) })
+        })
+    }
+
+    fn texture<'s>(&'s self, atlas: &'s Atlas, size: usize) -> LevelTexture<'s> {
+        LevelTexture::new(self.all.source, atlas, self.params.texture, size)
+    }
+
+    /// Moves the vertices by differentiable rendering, and the joint weights with them.
+    fn refine(&self, textured: Textured, influences: Vec<Influences>) -> Result<Vertices, Error> {
+        let Textured { mut low, fit } = textured;
+        let key = self.all.shapes.key.map(|shapes| vertices_key(&shapes, &self.level, self.budget));
+        let (positions, (influences, refined)) = self.run.stored(StageId::Refine, key, || {
+            let moved = self.move_vertices(low.clone(), fit, influences);
+            if let Some(key) = self.run.key(|| warm_start_key(&self.shape.mesh)) {
+                self.run.put(&key, &moved.low.positions);
+            }
+            Ok((moved.low.positions, (moved.influences, moved.refined.unwrap_or_default())))
+        })?;
+        low.positions = positions;
+        let low = low.with_motions(self.motions(&influences));
+        Ok(Vertices { low, influences, refined: Some(refined) })
+    }
+
+    fn move_vertices(&self, mut low: LowPoly, fit: Option<TextureFit>, influences: Vec<Influences>) -> Vertices {
+        let (index, refine) = (self.all.source.index, &self.params.refine);
+        let poses = index.poses.as_ref().filter(|_| refine.weights);
+        let mut skin = poses.map(|poses| Skin::new(poses, influences.clone()));
+        // Views that nobody expected to be needed: an object of the store was lost meanwhile.
+        let is_missing = self.all.views.half_resolution.is_none()
+            && LevelParams::is_half_resolution(self.budget)
+            && refine.has_half_resolution_steps();
+        let own = is_missing.then(|| self.all.views.render_half_resolution(self.all.params, &self.run));
+        let target = ViewTarget {
+            views: &self.all.views.full,
+            half_resolution: self.all.views.half_resolution.as_deref().or(own.as_deref()).unwrap_or_default(),
+            bvh: &index.bvh,
+            radius: index.sphere.radius,
+            seed: index.seed ^ u64::from(self.budget),
+        };
+        let params = RefineParams { texture: fit, ..refine.vertices };
+        let refined = refine::refine(&mut low, skin.as_mut(), &target, &params, self.run.cancellation());
+        let influences = skin.map_or(influences, Skin::into_influences);
+        Vertices { low, influences, refined: Some(refined) }
+    }
+
+    /// The shape as it is, without a texture. The vertices of a preview lie where an earlier bake has left them.
+    fn unmoved(&self, atlas: &Atlas, influences: Vec<Influences>) -> Vertices {
+        let mesh = &self.shape.mesh;
+        let mut low = LowPoly::new(mesh, atlas, self.shape.double_sided, TexelGrid::empty());
+        let moved: Option<Vec<Vec3>> = self.all.warm_start.then(|| self.run.get(&warm_start_key(mesh))).flatten();
         if let Some(positions) = moved.filter(|positions| positions.len() == low.positions.len()) {
             low.positions = positions;
         }
-        Self { low: low.with_motions(motions(shared, &influences)), influences, refined: None }
+        Vertices { low: low.with_motions(self.motions(&influences)), influences, refined: None }
     }
-}
 
-/// Descends on the vertices with a texture of at most [`FITTED_SIZE`]. A cut-out's stay where they are: its outline is in its
-/// texture.
-fn fit(
-    shared: &Shared<'_>,
-    atlas: &Atlas,
-    size: usize,
-    shape: &Shape,
-    influences: Vec<Influences>,
-    number: u32,
-    budget: u32,
-) -> Result<Fitted, Error> {
-    let Shared { model, settings, context, clock, .. } = *shared;
-    let small = Canvas::new(shared, atlas, size.min(FITTED_SIZE));
-    context.check(&model.name)?;
-    context.report(StageId::Texture, Some(number as usize), 0.45);
-    let textured = clock.time(StageId::Texture, || {
-        let samples = small.bake(&shape.mesh, None);
-        if is_cut_out(shape, &samples) {
-            return None;
+    /// Splits the faces along the joint planes, if that comes last: the new faces keep their place in the atlas.
+    fn split_at_joints(&self, vertices: Vertices, atlas: Atlas) -> (Vertices, Atlas) {
+        let planes = &self.all.source.joint_planes;
+        let is_last = self.all.params.joint_planes.when == JointPlanes::AfterRefine;
+        if !is_last || planes.is_empty() || self.shape.cards.is_some() {
+            return (vertices, atlas);
         }
-        let (texels, covered) = small.initial_texture(&samples, false);
-        let low = LowPoly::new(&shape.mesh, atlas, shape.double_sided, small.size, texels, covered);
-        Some((low.with_motions(motions(shared, &influences)), small.texture_fit(&samples, false, None)))
-    });
-    context.check(&model.name)?;
-    let Some((mut low, texture)) = textured else { return Ok(Fitted::unmoved(shared, atlas, shape, influences)) };
-    context.report(StageId::Refine, Some(number as usize), 0.5);
-    let (steps, coarse) = match begins_coarse(budget) {
-        true => (settings.refine_steps, settings.coarse_steps),
-        false => (settings.refine_steps / COARSE_MORE, 0.0),
-    };
-    let params = refine::RefineParams {
-        steps,
-        coarse,
-        step_length: settings.step_length,
-        texture,
-        gradient_weight: settings.gradient_weight,
-        laplacian_weight: settings.laplacian_weight,
-        distance_weight: settings.distance_weight,
-        normal_weight: settings.normal_weight,
-        seed: shared.seed ^ u64::from(budget),
-    };
-    let key = shared.content.map(|content| vertices_key(&content, settings, budget));
-    let (positions, (influences, refined)) = clock.time(StageId::Refine, || {
-        context.stored(key, || {
-            let mut low = low.clone();
-            let poses = shared.poses.filter(|_| settings.refine_weights);
-            let mut skin = poses.map(|poses| Skin::new(poses, influences.clone()));
-            let missing = shared.halves.is_none() && begins_coarse(budget);
-            let own = missing.then(|| shared.view_renderer.halves(shared.views));
-            let target = refine::ViewTarget {
-                views: shared.views,
-                half_resolution: shared.halves.or(own.as_deref()).unwrap_or_default(),
-                bvh: shared.bvh,
-                radius: shared.frame.radius,
-            };
-            let refined = refine::refine(&mut low, skin.as_mut(), &target, &params, &model.name, context)?;
-            let influences = skin.map_or_else(|| influences.clone(), Skin::into_influences);
-            if let Some(key) = context.key(|| warm_start_key(&shape.mesh)) {
-                context.leave(&key, &low.positions);
-            }
-            Ok((low.positions, (influences, refined)))
-        })
-    })?;
-    low.positions = positions;
-    let low = low.with_motions(motions(shared, &influences));
-    Ok(Fitted { low, influences, refined: Some(refined) })
-}
-
-/// Whether the vertices of a level are moved at half size first.
-pub(crate) fn begins_coarse(budget: u32) -> bool {
-    budget <= COARSE_FACES
-}
-
-/// Splits the faces along the joint planes, if that comes last: their parts keep their place in the atlas.
-fn split_at_joints(shared: &Shared<'_>, fitted: Fitted, atlas: Atlas, budget: u32) -> (Fitted, Atlas) {
-    let JointPlanes { planes, split: done } = shared.planes;
-    if *done || planes.is_empty() {
-        return (fitted, atlas);
-    }
-    let Fitted { low, mut influences, refined } = fitted;
-    let JointSplit { mesh, parts, .. } =
-        skinning::split_along(shared.model, &low.mesh(), &influences, planes, budget as usize);
-    influences.extend(self::influences(shared, &mesh).into_iter().skip(influences.len()));
-    let uvs = parts.iter().map(|(face, places)| {
-        let [a, b, c] = atlas.uvs[*face as usize];
-        places.map(|place| a * place.x + b * place.y + c * place.z)
-    });
-    let uvs = uvs.collect();
-    let chart = parts.iter().map(|(face, _)| atlas.chart[*face as usize]).collect();
-    let atlas = Atlas { uvs, chart, ..atlas };
-    let low = LowPoly::new(&mesh, &atlas, low.double_sided, low.size, low.texels, low.covered)
-        .with_motions(motions(shared, &influences));
-    (Fitted { low, influences, refined }, atlas)
-}
-
-impl<'a> Canvas<'a> {
-    fn new(shared: &'a Shared<'a>, atlas: &'a Atlas, size: usize) -> Self {
-        Self { shared, atlas, size, texels: texture::texel_map(atlas, size) }
+        let Vertices { low, mut influences, refined } = vertices;
+        let model = self.all.source.index.model;
+        let split = skinning::split_along(model, &low.mesh(), &influences, planes, self.budget as usize);
+        influences.extend(self.influences(&split.mesh).into_iter().skip(influences.len()));
+        let uvs = split.parts.iter().map(|(face, places)| {
+            let [a, b, c] = atlas.uvs[*face as usize];
+            places.map(|place| a * place.x + b * place.y + c * place.z)
+        });
+        let uvs = uvs.collect();
+        let chart = split.parts.iter().map(|(face, _)| atlas.chart[*face as usize]).collect();
+        let atlas = Atlas { uvs, chart, ..atlas };
+        let low = LowPoly::new(&split.mesh, &atlas, low.double_sided, low.texture);
+        let low = low.with_motions(self.motions(&influences));
+        (Vertices { low, influences, refined }, atlas)
     }
 
-    fn bake(&self, mesh: &TriMesh, cards: Option<&Cards>) -> Vec<Option<SurfaceSample>> {
-        let Shared { sampler, bvh, frame, context, .. } = self.shared;
-        let cancellation = &context.cancellation;
-        let mut samples =
-            texture::bake(sampler, bvh, frame, mesh, self.atlas, &self.texels, self.size, cards, cancellation);
-        if let Some(cards) = cards {
-            let surface = &self.shared.model.surface;
-            let source = TriMesh { positions: surface.positions.clone(), triangles: surface.triangles.clone() };
-            texture::keep_coverage(&mut samples, &self.texels, self.size, &source, mesh, cards);
+    /// The level and its report, once its vertices are final.
+    fn finish(&self, vertices: Vertices, atlas: &Atlas) -> Result<(Level, LevelReport), Error> {
+        self.run.run(StageId::Maps, || {
+            let texture = self.texture(atlas, self.params.unwrap.size as usize);
+            let finished = self.final_texture(vertices, atlas, &texture)?;
+            let report = self.report(&finished, atlas);
+            self.run.check()?;
+            let level = self.level(finished, atlas, &texture, report.error);
+            Ok((level, report))
+        })?
+    }
+
+    /// Bakes the texture anew on the final vertices, and fits it to the views.
+    fn final_texture(&self, vertices: Vertices, atlas: &Atlas, texture: &LevelTexture<'_>) -> Result<Finished, Error> {
+        let Vertices { mut low, influences, refined } = vertices;
+        let cancellation = self.run.cancellation();
+        let samples = texture.bake(&low.mesh(), self.shape.cards.as_ref(), cancellation);
+        self.run.check()?;
+        let cut_out = refined.is_none() && is_cut_out(self.shape, &samples);
+        low.double_sided |= cut_out;
+        let mut low = low.retextured(atlas, texture.initial(&samples, cut_out));
+        // Pixels of a cut-out say little about its texture: they show the surface behind it, too.
+        let fit = (self.params.refine.enabled && !cut_out).then(|| texture.fit(&samples, Some(TRUST))).flatten();
+        let fitted = refine::fit_texture(&mut low, &self.all.views.full, fit.as_ref(), cancellation);
+        self.run.check()?;
+        // The differentiable renderer does not see through a cut-out.
+        let refined = (!cut_out).then_some(Refined { psnr: fitted.psnr, ..refined.unwrap_or(fitted) });
+        Ok(Finished { low, influences, samples, cut_out, refined })
+    }
+
+    fn report(&self, finished: &Finished, atlas: &Atlas) -> LevelReport {
+        let mesh = finished.low.mesh();
+        let deviation = self.all.source.deviation_metric.measure(&mesh);
+        let faces = mesh.triangles.len() as u32;
+        LevelReport {
+            level: self.number as u32,
+            budget: self.budget,
+            faces,
+            stopped: (f64::from(faces) < FULL_BUDGET * f64::from(self.budget)).then(|| self.shape.shortfall.to_string()),
+            candidate: self.shape.candidate.to_string(),
+            error: deviation.percentile_95,
+            deviation,
+            topology: LevelTopology::of(&mesh),
+            charts: atlas.charts as u32,
+            fill: atlas.fill,
+            stretch: atlas.stretch,
+            worst_stretch: atlas.worst_stretch,
+            refined: finished.refined,
         }
-        samples
     }
 
-    /// How the texture is to be fitted: not at all if what was baked has one colour. What lies behind a cut-out shows through
-    /// it: its pixels say little about its own texture.
-    fn texture_fit(&self, samples: &[Option<SurfaceSample>], alpha: bool, trust: Option<f32>) -> Option<TextureFit> {
-        let settings = self.shared.settings;
-        let baked = settings.initial_texture == InitialTexture::Baked;
-        let wanted = settings.refine && !alpha && !(baked && is_uniform(samples));
-        let descent = || TextureAdam { steps: settings.texture_steps, gradient_weight: settings.gradient_weight };
-        let solver = match settings.texture_solver {
-            TextureSolver::LeastSquares => Solver::LeastSquares,
-            TextureSolver::Adam => Solver::Adam(descent()),
+    /// The mesh with its morph targets, the texture set and the material.
+    fn level(&self, finished: Finished, atlas: &Atlas, texture: &LevelTexture<'_>, error: f32) -> Level {
+        let Finished { low, influences, samples, cut_out, .. } = finished;
+        let (source, params) = (self.all.source, self.all.params);
+        let unlit = source.index.model.materials.iter().all(|m| m.unlit);
+        let channels =
+            Channels { normal: params.maps.normal_map && !unlit, alpha: cut_out, format: params.maps.format };
+        let mesh = low.mesh();
+        let morphs = match params.maps.morphs {
+            true => skinning::transfer_morphs(&source.skin_source, &mesh),
+            false => Vec::new(),
         };
-        wanted.then_some(TextureFit { smoothness: settings.texture_smoothness, trust, solver })
-    }
-
-    /// Encoded colours with their gutters, and which texels a triangle covers.
-    fn initial_texture(&self, samples: &[Option<SurfaceSample>], alpha: bool) -> (Vec<Vec4>, Vec<bool>) {
-        let covered: Vec<bool> = samples.iter().map(Option::is_some).collect();
-        if self.shared.settings.initial_texture == InitialTexture::Grey && !alpha {
-            return (vec![GREY; samples.len()], covered);
-        }
-        let encoded = |s: &SurfaceSample| s.color.truncate().map(linear_to_srgb).extend(1.0);
-        let mut texels: Vec<Vec4> =
-            samples.par_iter().with_min_len(4096).map(|s| s.as_ref().map_or(Vec4::ZERO, encoded)).collect();
-        // Clear texels of a cut-out take the colour of their neighbours, which filtering mixes in.
-        let known = |s: &Option<SurfaceSample>| s.as_ref().is_some_and(|s| !alpha || s.color.w >= 0.5);
-        let known: Vec<bool> = samples.iter().map(known).collect();
-        texture::fill(&mut texels, &known, self.size);
-        (texels, covered)
-    }
-
-    /// The texture at full size: baked anew on the final vertices, then fitted to the views.
-    fn finish(&self, low: LowPoly, samples: &[Option<SurfaceSample>], alpha: bool) -> (LowPoly, Refined) {
-        let (texels, covered) = self.initial_texture(samples, alpha);
-        let mut low = low.retextured(self.atlas, self.size, texels, covered);
-        let fit = self.texture_fit(samples, alpha, Some(TRUST));
-        let Shared { views, context, .. } = self.shared;
-        let refined = refine::fit_texture(&mut low, views, fit.as_ref(), &context.cancellation);
-        (low, refined)
+        let mesh = texture::level_mesh(&mesh, atlas, &influences, &morphs, channels.normal);
+        let (textures, statistics) =
+            texture::pbr_maps(&mesh, &texture.texels, &samples, &low.texture.texels, channels);
+        let material = texture::level_material(&statistics, cut_out, low.double_sided, unlit);
+        let own_joints = self.params.skinning.bone_faces > 0.0;
+        Level { budget: self.budget, error, mesh, own_joints, material, textures }
     }
 }
 
-fn motions(shared: &Shared<'_>, influences: &[Influences]) -> Motions {
-    shared.poses.map_or_else(Motions::default, |poses| poses.all_motions(influences))
-}
-
-fn influences(shared: &Shared<'_>, mesh: &TriMesh) -> Vec<Influences> {
-    let method = match shared.settings.skin_transfer {
-        SkinTransfer::ClosestSurface => Transfer::default(),
-        SkinTransfer::NearestVertices => Transfer::NearestVertices { k: 4 },
-    };
-    let (mut influences, _) = skinning::transfer(shared.skin_source, mesh, &mesh.vertex_normals(), method);
-    let faces = mesh.triangles.len();
-    if let Some(bone_remap) = BoneRemap::of(shared.model, faces, shared.settings.bone_faces) {
-        bone_remap.fold(&mut influences);
-    }
-    match shared.poses {
-        Some(poses) if shared.settings.refine_weights && !shared.context.cancellation.is_cancelled() => {
-            skinning::fit(shared.skin_source, poses, mesh, influences)
-        }
-        _ => influences,
-    }
-}
-
-/// Levels of at most 1,000 faces are seen from afar: half the texture is enough.
-fn texture_size(settings: &BakeSettings, budget: u32) -> u32 {
-    if budget <= 1000 { (settings.texture_size / 2).max(64) } else { settings.texture_size }
-}
-
-/// Whether the level is a cut-out: it consists of the source's own triangles, and a good part of what they show is see-through.
+/// The level is a cut-out: it consists of the source's own triangles, and a good fraction of its texels is clear.
 fn is_cut_out(shape: &Shape, samples: &[Option<SurfaceSample>]) -> bool {
     if shape.candidate == Candidate::Cards {
         return true;
     }
     let clear = samples.iter().flatten().filter(|s| s.color.w < 0.5).count();
-    shape.candidate == Candidate::Source && 20 * clear > samples.iter().flatten().count()
-}
-
-/// Whether every texel has the same base colour, to half a step of eight bits.
-fn is_uniform(samples: &[Option<SurfaceSample>]) -> bool {
-    let mut colors = samples.iter().flatten().map(|s| s.color);
-    let first = colors.next().unwrap_or_default();
-    colors.all(|c| (c - first).abs().max_element() < 0.5 / 255.0)
+    shape.candidate == Candidate::Source && CLEAR_TEXELS * clear > samples.iter().flatten().count()
 }

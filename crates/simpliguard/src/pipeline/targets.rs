@@ -1,11 +1,11 @@
 //! From targets to face budgets.
 //!
-//! How far a surface with so many faces is from the source is only known once it is made. Where a target asks for a
-//! distance, surfaces are made for a ladder of budgets on one way down, which costs little more than making the last;
-//! the lowest rung within the tolerance becomes the level.
+//! The distance of a surface to the source is only known once the surface is made. Where a target asks for a distance,
+//! surfaces are made for a ladder of budgets in one collapse, which costs little more than making the last. The lowest
+//! rung within the tolerance becomes the level.
 
 use crate::data::Deviation;
-use crate::settings::{BakeSettings, Target};
+use crate::settings::Target;
 
 /// Lowest and highest rung of the ladder, in faces; a rung has about 1.4 times the faces of the one below.
 const LADDER: (f64, f64) = (125.0, 16_000.0);
@@ -19,11 +19,9 @@ pub(crate) struct Targets {
 }
 
 impl Targets {
-    /// What `settings` ask for a source with so many faces.
-    pub(crate) fn new(settings: &BakeSettings, source_faces: usize) -> Self {
-        let faces = || settings.faces.iter().map(|&n| Target::Faces(n)).collect();
-        let targets = if settings.targets.is_empty() { faces() } else { settings.targets.clone() };
-        Self { targets, source_faces }
+    /// Targets for a source with so many faces.
+    pub(crate) fn new(targets: &[Target], source_faces: usize) -> Self {
+        Self { targets: targets.to_vec(), source_faces }
     }
 
     /// The budgets to make shapes for, ascending; those of at least the source's faces are left out.
@@ -74,7 +72,7 @@ mod tests {
     use super::*;
 
     fn targets(targets: &[Target], source_faces: usize) -> Targets {
-        Targets::new(&BakeSettings { targets: targets.to_vec(), ..BakeSettings::default() }, source_faces)
+        Targets::new(targets, source_faces)
     }
 
     fn deviations(values: &[f32]) -> Vec<Deviation> {
@@ -82,8 +80,9 @@ mod tests {
     }
 
     #[test]
-    fn faces_stand_where_nothing_else_is_asked_for() {
-        assert_eq!(targets(&[], 3000).budgets(), [1000, 2000]);
+    fn budgets_of_the_source_or_more_are_left_out() {
+        let budgets = [1000, 2000, 4000].map(Target::Faces);
+        assert_eq!(targets(&budgets, 3000).budgets(), [1000, 2000]);
     }
 
     #[test]

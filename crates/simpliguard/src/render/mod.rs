@@ -16,4 +16,5 @@ pub use image::{Image, Light, Renderer};
 pub use raster::{EMPTY_PIXEL, Raster, Rect};
 pub use shading::{Footprint, SurfaceSample, SurfaceSampler};
 pub use view::{View, take_posed_views, take_views};
-pub(crate) use view_renderer::{ViewRenderer, posed_views};
+pub use view_renderer::ViewParams;
+pub(crate) use view_renderer::ViewRenderer;

@@ -5,12 +5,12 @@ use std::marker::PhantomData;
 use serde::de::{DeserializeSeed, Deserializer, Error as _, MapAccess, Visitor};
 use serde::{Deserialize, Serialize};
 
-use super::importance::Importance;
 use super::resolve::{Layer, Origin, Resolved};
 use super::target::Target;
 use super::text::did_you_mean;
 use super::value::{Limit, Resolution, TextureFormat, Value, choice};
-use crate::{Error, StageId};
+use crate::Error;
+use crate::data::MaterialWeight;
 
 choice! {
     /// How much time is spent. Supplies the values of fields that no layer sets.
@@ -153,8 +153,6 @@ pub struct FieldInfo {
     pub accepts: String,
     /// Built-in values as RON for the qualities draft, standard and best.
     pub defaults: [String; 3],
-    /// The stages that read it; a change re-runs them and those after them.
-    pub stages: &'static [StageId],
 }
 
 impl FieldInfo {
@@ -167,7 +165,7 @@ impl FieldInfo {
 macro_rules! settings {
     ($(
         $(#[doc = $doc:literal])+
-        $name:ident: $type:ty = $default:expr, $limit:expr, [$($stage:ident),*];
+        $name:ident: $type:ty = $default:expr, $limit:expr;
     )+) => {
         /// Everything a bake reads: all fields present and, when made by [`super::resolve`], in range.
         #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -203,11 +201,6 @@ macro_rules! settings {
             pub fn check(&self) -> Result<(), Error> {
                 $( check(stringify!($name), &self.$name, $limit).map_err(Error::Settings)?; )+
                 Ok(())
-            }
-
-            /// Name, the stages that read it, and value as RON of each field, in the order of the list.
-            pub(super) fn entries(&self) -> Vec<(&'static str, &'static [StageId], String)> {
-                vec![$( (stringify!($name), &[$(StageId::$stage),*], self.$name.ron()) ),+]
             }
         }
 
@@ -283,7 +276,6 @@ macro_rules! settings {
                     } else {
                         defaults.each_ref().map(|d| d.$name.ron())
                     },
-                    stages: &[$(StageId::$stage),*],
                 }
             ),+]
         }
@@ -299,124 +291,104 @@ fn check<T: Value>(name: &str, value: &T, limit: Limit) -> Result<(), String> {
 
 settings! {
     /// Whether the file gets levels of detail at all; if not, it passes through.
-    enabled: bool = always(true), Limit::None, [Import];
+    enabled: bool = always(true), Limit::None;
     /// Most triangles of each level. The smallest becomes LOD1.
-    faces: Vec<u32> = always(vec![1000, 2000, 4000]), Limit::Between(4.0, 1e6), [Shape];
+    faces: Vec<u32> = always(vec![1000, 2000, 4000]), Limit::Between(4.0, 1e6);
     /// What each level must meet, in place of `faces`: a number or a part of the triangles, or a deviation, as a fraction of
     /// the bounding box's diagonal or as a pixel where that diagonal is so many pixels long.
-    targets: Vec<Target> = always(Vec::new()), Limit::None, [Shape];
+    targets: Vec<Target> = always(Vec::new()), Limit::None;
     /// How much time is spent. Fields that nobody sets take their value from it.
-    quality: Quality = always(Quality::Standard), Limit::None, [];
+    quality: Quality = always(Quality::Standard), Limit::None;
     /// What happens to a file that already has levels of detail.
-    existing_lods: ExistingLods = always(ExistingLods::Keep), Limit::None, [Import];
+    existing_lods: ExistingLods = always(ExistingLods::Keep), Limit::None;
     /// Whether the output holds the source's own geometry in front of the levels.
-    source: SourceGeometry = always(SourceGeometry::Keep), Limit::None, [Export];
+    source: SourceGeometry = always(SourceGeometry::Keep), Limit::None;
     /// Cells of the reconstruction along the longest side of the model.
-    resolution: Resolution = always(Resolution::Auto), Limit::Between(32.0, 512.0), [Reconstruct];
+    resolution: Resolution = always(Resolution::Auto), Limit::Between(32.0, 512.0);
     /// Cells of the finest reconstruction that `resolution: Auto` tries; one of more than 256 only where parts of the best
     /// shape pass through each other.
-    finest_resolution: u32 = by_quality(256, 384, 512), Limit::Between(32.0, 512.0), [Reconstruct];
+    finest_resolution: u32 = by_quality(256, 384, 512), Limit::Between(32.0, 512.0);
     /// Which surfaces compete for each level.
-    candidates: Candidates = always(Candidates::All), Limit::None, [Shape];
+    candidates: Candidates = always(Candidates::All), Limit::None;
     /// Whether faces that no ray from outside reaches are dropped.
-    remove_invisible: bool = always(true), Limit::None, [Shape];
+    remove_invisible: bool = always(true), Limit::None;
     /// How much of a quadric's weight depends on how visible its faces are; 0 weighs all faces by area alone.
-    visible_weight: f32 = always(0.9), Limit::Between(0.0, 1.0), [Shape];
+    visible_weight: f32 = always(0.9), Limit::Between(0.0, 1.0);
     /// Weight of the curvature quadric (alpha in the paper), which keeps faces where the surface bends.
-    curvature: f32 = always(0.0), Limit::Between(0.0, 10.0), [Shape];
+    curvature: f32 = always(0.0), Limit::Between(0.0, 10.0);
     /// Materials whose faces count more, or less, than others, such as `[(material: "*Face*", weight: 4.0)]`; the last that
     /// matches a material's name applies.
-    importance: Vec<Importance> = always(Vec::new()), Limit::None, [Shape];
+    importance: Vec<MaterialWeight> = always(Vec::new()), Limit::None;
     /// How much more faces count where the red of the second vertex colour, `COLOR_1`, is one; where it is zero they do not.
-    painted_importance: f32 = always(1.0), Limit::Between(0.01, 100.0), [Shape];
+    painted_importance: f32 = always(1.0), Limit::Between(0.01, 100.0);
     /// Whether the levels must stay closed, at the cost of faces that nobody sees.
-    watertight: bool = always(false), Limit::None, [Shape];
+    watertight: bool = always(false), Limit::None;
     /// How a level gets its joint weights.
-    skin_transfer: SkinTransfer = always(SkinTransfer::ClosestSurface), Limit::None, [Rig];
-    /// Joints that move less than so many faces of a level, with all that hangs on them, give way to the joint above in it, and
+    skin_transfer: SkinTransfer = always(SkinTransfer::ClosestSurface), Limit::None;
+    /// Skeleton that move less than so many faces of a level, with all that hangs on them, give way to the joint above in it, and
     /// its skin lists only those that are left; 0 keeps all.
-    bone_faces: f32 = always(0.0), Limit::Between(0.0, 1000.0), [Rig, Export];
+    bone_faces: f32 = always(0.0), Limit::Between(0.0, 1000.0);
     /// What becomes of the source's morph targets.
-    morph_targets: MorphTargets = always(MorphTargets::Transfer), Limit::None, [Rig];
+    morph_targets: MorphTargets = always(MorphTargets::Transfer), Limit::None;
     /// Whether and when faces are split along the planes where limbs bend. Their number is kept free in each budget.
-    joint_planes: JointPlanes = always(JointPlanes::Off), Limit::None, [Shape, Rig];
+    joint_planes: JointPlanes = always(JointPlanes::Off), Limit::None;
     /// Largest difference of the two largest weights of a vertex between two bones (delta in the paper), which is where
     /// the planes are.
-    joint_delta: f32 = always(0.1), Limit::Between(0.001, 1.0), [Shape, Rig];
+    joint_delta: f32 = always(0.1), Limit::Between(0.001, 1.0);
     /// Number of frames of the source's clips, or of turns of its joints if it has none, that decide on the shape of levels
     /// besides the rest pose; what follows is fitted to half as many as there are views. 0 takes the rest pose alone.
-    poses: u32 = by_quality(2, 4, 6), Limit::Between(0.0, 16.0), [Reconstruct, Shape, Texture, Refine];
+    poses: u32 = by_quality(2, 4, 6), Limit::Between(0.0, 16.0);
     /// Side of each level's square textures, in texels; levels of at most 1,000 faces get half of it.
-    texture_size: u32 = by_quality(512, 1024, 1024), Limit::PowerOfTwo(64, 4096), [Unwrap, Texture, Refine];
+    texture_size: u32 = by_quality(512, 1024, 1024), Limit::PowerOfTwo(64, 4096);
     /// How colours are stored: `Jpeg(90)` takes a fraction of the bytes. Images with alpha, and those that are no colours
     /// (normals, occlusion, roughness and metalness), stay PNG.
-    texture_format: TextureFormat = always(TextureFormat::Png), Limit::Between(1.0, 100.0), [Texture, Export];
+    texture_format: TextureFormat = always(TextureFormat::Png), Limit::Between(1.0, 100.0);
     /// Distance between charts, in texels.
-    gutter: u32 = always(4), Limit::Between(1.0, 16.0), [Unwrap, Texture];
+    gutter: u32 = always(4), Limit::Between(1.0, 16.0);
     /// Whether a level gets a normal map with the source's detail.
-    normal_map: bool = always(true), Limit::None, [Texture];
+    normal_map: bool = always(true), Limit::None;
     /// Number of views that textures are made from and refined against.
-    views: u32 = by_quality(32, 48, 80), Limit::Between(8.0, 256.0), [Shape, Texture, Refine];
+    views: u32 = by_quality(32, 48, 80), Limit::Between(8.0, 256.0);
     /// Side of each square view, in pixels.
-    view_size: u32 = always(512), Limit::Between(128.0, 2048.0), [Shape, Texture, Refine];
+    view_size: u32 = always(512), Limit::Between(128.0, 2048.0);
     /// Whether differentiable rendering fits texture and vertices to the views; if not, both stay as they were made.
-    refine: bool = always(true), Limit::None, [Refine];
+    refine: bool = always(true), Limit::None;
     /// Number of optimisation steps by differentiable rendering, a third of it in levels of more than 2,000 faces; 0 leaves the
     /// vertices where they are.
-    refine_steps: u32 = by_quality(0, 400, 800), Limit::Between(0.0, 2000.0), [Refine];
+    refine_steps: u32 = by_quality(0, 400, 800), Limit::Between(0.0, 2000.0);
     /// Part of the steps, the first ones, that compare pictures of half the size, in levels of at most 2,000 faces: they cost a
     /// quarter.
-    coarse_steps: f32 = always(0.9), Limit::Between(0.0, 1.0), [Refine];
+    coarse_steps: f32 = always(0.9), Limit::Between(0.0, 1.0);
     /// Number of views that these steps have besides those at full size: the more, the better vertices suit others.
-    coarse_views: u32 = always(128), Limit::Between(0.0, 256.0), [Refine];
+    coarse_views: u32 = always(128), Limit::Between(0.0, 256.0);
     /// Whether joint weights are fitted to the poses: over the faces between vertices first, and then together with the
     /// vertices.
-    refine_weights: bool = always(true), Limit::None, [Rig, Refine];
+    refine_weights: bool = always(true), Limit::None;
     /// What a texture is made of before it is fitted to the views. Cut-outs are always baked.
-    initial_texture: InitialTexture = always(InitialTexture::Baked), Limit::None, [Texture, Refine];
+    initial_texture: InitialTexture = always(InitialTexture::Baked), Limit::None;
     /// How textures are fitted to the views.
-    texture_solver: TextureSolver = always(TextureSolver::LeastSquares), Limit::None, [Refine];
+    texture_solver: TextureSolver = always(TextureSolver::LeastSquares), Limit::None;
     /// Number of steps each time `texture_solver: Adam` fits a texture.
-    texture_steps: u32 = always(200), Limit::Between(0.0, 5000.0), [Refine];
+    texture_steps: u32 = always(200), Limit::Between(0.0, 5000.0);
     /// How strongly neighbouring texels are kept from changing apart where the views say little.
-    texture_smoothness: f32 = always(0.1), Limit::Between(0.0, 10.0), [Texture, Refine];
+    texture_smoothness: f32 = always(0.1), Limit::Between(0.0, 10.0);
     /// Weight of the error of the image gradient, the image's own being 1 (`L_img` in the paper), where vertices are moved
     /// and where textures are fitted by `Adam`.
-    gradient_weight: f32 = always(0.5), Limit::Between(0.0, 10.0), [Refine];
+    gradient_weight: f32 = always(0.5), Limit::Between(0.0, 10.0);
     /// Weight of the Laplacian of how far vertices have moved (`L_laplacian` in the paper), in squared radii of the model.
-    laplacian_weight: f32 = always(0.02), Limit::Between(0.0, 10.0), [Refine];
+    laplacian_weight: f32 = always(0.02), Limit::Between(0.0, 10.0);
     /// Weight of the mean squared distance to the source, in squared mean edges of the level: what pictures do not tell stays
     /// near the surface. Beside `coarse_views` it is as much less as they are more.
-    distance_weight: f32 = always(3.0), Limit::Between(0.0, 1000.0), [Refine];
+    distance_weight: f32 = always(3.0), Limit::Between(0.0, 1000.0);
     /// Weight of the cosines between neighbouring vertex normals (`L_normal` in the paper).
-    normal_weight: f32 = always(0.0), Limit::Between(0.0, 10.0), [Refine];
+    normal_weight: f32 = always(0.0), Limit::Between(0.0, 10.0);
     /// Longest way of a vertex in the first step, as a fraction of the mean edge length; the steps get shorter.
-    step_length: f32 = always(0.02), Limit::Between(0.0001, 0.1), [Refine];
+    step_length: f32 = always(0.02), Limit::Between(0.0001, 0.1);
 }
 
 impl Default for BakeSettings {
     fn default() -> Self {
         Self::preset(Quality::default())
-    }
-}
-
-impl BakeSettings {
-    /// The bytes a cache key takes in for one stage: name and value of each field that the stage reads. Stable over
-    /// platforms and over the order of the fields.
-    pub fn canonical(&self, stage: StageId) -> Vec<u8> {
-        self.canonical_where(|stages| stages.contains(&stage))
-    }
-
-    /// The bytes a cache key takes in for the whole bake. A quality counts only by the values it supplies.
-    pub fn canonical_bake(&self) -> Vec<u8> {
-        self.canonical_where(|stages| !stages.is_empty())
-    }
-
-    fn canonical_where(&self, read: impl Fn(&[StageId]) -> bool) -> Vec<u8> {
-        let mut entries = self.entries();
-        entries.retain(|(_, stages, _)| read(stages));
-        entries.sort_unstable_by_key(|(name, ..)| *name);
-        entries.iter().map(|(name, _, value)| format!("{name}={value}\n")).collect::<String>().into_bytes()
     }
 }
 
@@ -549,26 +521,6 @@ mod tests {
         for (name, value) in [("step_length", "0.0001"), ("step_length", "0.1"), ("views", "256"), ("faces", "4")] {
             BakeOverrides::default().set(name, value).expect(name);
         }
-    }
-
-    #[test]
-    fn a_stage_key_holds_only_what_the_stage_reads() {
-        let mut a = BakeSettings::default();
-        let b = a.clone();
-        a.refine_steps += 1;
-        assert_eq!(a.canonical(StageId::Shape), b.canonical(StageId::Shape));
-        assert_ne!(a.canonical(StageId::Refine), b.canonical(StageId::Refine));
-        assert_ne!(a.canonical_bake(), b.canonical_bake());
-        assert_eq!(String::from_utf8_lossy(&b.canonical(StageId::Unwrap)), "gutter=4\ntexture_size=1024\n");
-    }
-
-    #[test]
-    fn a_quality_counts_by_its_values() {
-        let best = BakeSettings::preset(Quality::Best);
-        let BakeSettings { finest_resolution, poses, texture_size, views, refine_steps, .. } = best;
-        let draft = BakeSettings::preset(Quality::Draft);
-        let spelled = BakeSettings { finest_resolution, poses, texture_size, views, refine_steps, ..draft };
-        assert_eq!(best.canonical_bake(), spelled.canonical_bake());
     }
 
     #[test]

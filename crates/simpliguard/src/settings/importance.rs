@@ -1,39 +1,20 @@
-//! Which parts of a model matter more than others.
-
-use globset::{GlobBuilder, GlobMatcher};
-use serde::{Deserialize, Serialize};
+//! Values of the field `importance`.
 
 use super::value::{Limit, Value};
+use crate::data::MaterialWeight;
 
 /// The longest list.
 const MOST: usize = 64;
 /// Least and largest weight.
 const RANGE: Limit = Limit::Between(0.01, 100.0);
 
-/// How much more than others the faces of some materials count.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Importance {
-    /// Glob over the names of materials, `*Face*`; upper and lower case differ.
-    pub material: String,
-    /// Factor on the weight of the faces, both in the collapse and in the choice between candidates.
-    pub weight: f32,
+/// `*Face*:4`, as on the command line.
+fn parse(text: &str) -> Option<MaterialWeight> {
+    let (material, weight) = text.trim().rsplit_once(':')?;
+    Some(MaterialWeight { material: material.to_owned(), weight: weight.parse().ok()? })
 }
 
-impl Importance {
-    /// Tells names of materials apart; `None` if the glob is malformed.
-    pub fn matcher(&self) -> Option<GlobMatcher> {
-        GlobBuilder::new(&self.material).build().ok().map(|glob| glob.compile_matcher())
-    }
-
-    /// `*Face*:4`, as on the command line.
-    fn parse(text: &str) -> Option<Self> {
-        let (material, weight) = text.trim().rsplit_once(':')?;
-        Some(Self { material: material.to_owned(), weight: weight.parse().ok()? })
-    }
-}
-
-impl Value for Vec<Importance> {
+impl Value for Vec<MaterialWeight> {
     fn accepts(_: Limit) -> String {
         format!("at most {MOST} of (material: \"glob\", weight: w), w{}", RANGE.words())
     }
@@ -42,17 +23,17 @@ impl Value for Vec<Importance> {
         if text.trim().is_empty() {
             return Ok(Self::new());
         }
-        let parsed: Option<Self> = text.split(',').map(Importance::parse).collect();
+        let parsed: Option<Self> = text.split(',').map(parse).collect();
         parsed.ok_or_else(|| "globs and weights with commas between, such as *Face*:4,Hair:0.5".into())
     }
 
     fn ron(&self) -> String {
-        let item = |i: &Importance| format!("(material: {:?}, weight: {:?})", i.material, i.weight);
+        let item = |i: &MaterialWeight| format!("(material: {:?}, weight: {:?})", i.material, i.weight);
         format!("[{}]", self.iter().map(item).collect::<Vec<_>>().join(", "))
     }
 
     fn check(&self, limit: Limit) -> Result<(), String> {
-        let sound = |i: &Importance| i.weight.check(RANGE).is_ok() && i.matcher().is_some();
+        let sound = |i: &MaterialWeight| i.weight.check(RANGE).is_ok() && i.matcher().is_some();
         if self.len() <= MOST && self.iter().all(sound) { Ok(()) } else { Err(Self::accepts(limit)) }
     }
 }
@@ -61,17 +42,17 @@ impl Value for Vec<Importance> {
 mod tests {
     use super::*;
 
-    fn face() -> Importance {
-        Importance { material: "*Face*".into(), weight: 4.0 }
+    fn face() -> MaterialWeight {
+        MaterialWeight { material: "*Face*".into(), weight: 4.0 }
     }
 
     #[test]
     fn importances_are_read_from_both_spellings() {
-        let expected = vec![face(), Importance { material: "a:b".into(), weight: 0.5 }];
+        let expected = vec![face(), MaterialWeight { material: "a:b".into(), weight: 0.5 }];
         assert_eq!(Vec::<Importance>::from_arg("*Face*:4, a:b:0.5"), Ok(expected.clone()));
         let ron = r#"[(material: "*Face*", weight: 4.0), (material: "a:b", weight: 0.5)]"#;
         assert_eq!(expected.ron(), ron);
-        assert_eq!(ron::from_str::<Vec<Importance>>(ron).expect("valid"), expected);
+        assert_eq!(ron::from_str::<Vec<MaterialWeight>>(ron).expect("valid"), expected);
         assert_eq!(Vec::<Importance>::from_arg(" "), Ok(Vec::new()));
         assert!(Vec::<Importance>::from_arg("*Face*").is_err());
     }
@@ -79,10 +60,10 @@ mod tests {
     #[test]
     fn weights_have_a_range_and_globs_a_grammar() {
         assert!(vec![face()].check(Limit::None).is_ok());
-        for bad in [Importance { weight: 0.0, ..face() }, Importance { weight: f32::NAN, ..face() }] {
+        for bad in [MaterialWeight { weight: 0.0, ..face() }, MaterialWeight { weight: f32::NAN, ..face() }] {
             assert!(vec![bad].check(Limit::None).is_err());
         }
-        assert!(vec![Importance { material: "[".into(), ..face() }].check(Limit::None).is_err());
+        assert!(vec![MaterialWeight { material: "[".into(), ..face() }].check(Limit::None).is_err());
     }
 
     #[test]

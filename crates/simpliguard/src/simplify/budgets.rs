@@ -1,58 +1,59 @@
-//! From a candidate's mesh down to the budgets.
+//! Simplifies one candidate to each of the budgets.
 
 use glam::{Affine3A, Vec3};
 
-use super::input::{SimplifyInput, face_weights, pixels_in_motion};
+use super::input::{SimplifyInput, pixels_in_motion};
+use super::inputs::Inputs;
+use super::params::SimplifyParams;
 use super::qem::Simplifier;
-use super::select::MAY_INTERSECT;
-use super::{Inputs, JointPlanes, Params, Shape, self_intersecting_faces, visibility};
+use super::self_intersection::{self, TOLERATED, WORTH_DEEP_RESOLUTION};
+use super::shape::{Shape, Shortfall};
+use super::unit_sphere::{from_unit_sphere, to_unit_sphere};
+use super::visibility::{self, face_weights};
 use crate::animation::{Motions, Poses};
 use crate::data::{Candidate, TriMesh};
 use crate::geometry::BoundingSphere;
-use crate::skinning::{self};
 
 /// Faces kept, as a multiple of the largest budget, when enclosed faces are looked for.
 const ENCLOSED_AT: usize = 4;
 /// A component that deserves fewer faces than this is dropped.
 const NEGLIGIBLE_FACES: f64 = 0.75;
-/// Largest part of a budget that is kept for the faces along joint planes.
+/// Largest fraction of a budget that is kept for the faces along joint planes.
 const MOST_RESERVED: f64 = 0.08;
-/// Depth of contacts that are resolved as a part of the mean edge, and where that is not enough.
+/// Depth of the contacts that are resolved, as a fraction of the mean edge.
 const SHALLOW: f64 = 0.1;
+/// The depth where the shallow one is not enough.
 const DEEP: f64 = 0.5;
-/// Part of the faces up to which the latter may be enough.
-const NEARLY_CLEAN: f64 = 0.06;
 
-/// Collapses a mesh to each budget; some candidates offer several shapes, the second for each behind the first for all.
+/// Collapses a candidate to each budget. Some candidates offer several shapes for each: the second shapes of all budgets
+/// then follow the first shapes of all.
 pub(super) fn simplify_to_budgets(
     inputs: &Inputs<'_>,
-    params: &Params,
+    params: &SimplifyParams,
     candidate: Candidate,
     input: &SimplifyInput,
 ) -> Vec<Shape> {
-    let Some(simplifier) = before_the_budgets(inputs, params, input) else { return Vec::new() };
-    let down = |depth| down_to_budgets(simplifier.clone(), inputs, params, candidate, input.double_sided, depth);
-    let self_intersecting = self_intersecting_fraction(&simplifier.mesh()) > MAY_INTERSECT;
-    let (apart, freely) = rayon::join(|| down(Some(SHALLOW)), || self_intersecting.then(|| down(None)));
-    let Descent { mut shapes, is_stuck } = apart;
-    if shapes
-        .iter()
-        .map(|shape| self_intersecting_fraction(&shape.mesh))
-        .any(|part| part > MAY_INTERSECT && part < NEARLY_CLEAN)
-    {
-        shapes.extend(down(Some(DEEP)).shapes);
+    let Some(simplifier) = prepare(inputs, params, input) else { return Vec::new() };
+    let collapse = Collapse { inputs, params, candidate, double_sided: input.double_sided };
+    let run = |depth| collapse.run(simplifier.clone(), depth);
+    let self_intersects = self_intersection::fraction(&simplifier.mesh()) > TOLERATED;
+    let (resolved, free) = rayon::join(|| run(Some(SHALLOW)), || self_intersects.then(|| run(None)));
+    let Collapsed { mut shapes, is_stuck } = resolved;
+    let mut fractions = shapes.iter().map(|shape| self_intersection::fraction(&shape.mesh));
+    if fractions.any(|fraction| fraction > TOLERATED && fraction < WORTH_DEEP_RESOLUTION) {
+        shapes.extend(run(Some(DEEP)).shapes);
     }
-    // Parts that pass through each other, and two sides of a thin sheet, may fare better where each goes its own way.
-    let freely = freely.or_else(|| is_stuck.then(|| down(None)));
-    shapes.extend(freely.into_iter().flat_map(|descent| descent.shapes));
+    // Intersecting components, and the two sides of a thin sheet, may fare better where each collapses freely.
+    let free = free.or_else(|| is_stuck.then(|| run(None)));
+    shapes.extend(free.into_iter().flat_map(|collapsed| collapsed.shapes));
     shapes
 }
 
-/// The mesh without what nothing sees, a few times as large as the largest budget; `None` if cancelled.
-fn before_the_budgets(inputs: &Inputs<'_>, params: &Params, input: &SimplifyInput) -> Option<Simplifier> {
+/// Drops the faces that nothing sees from a mesh a few times as large as the largest budget; `None` if cancelled.
+fn prepare(inputs: &Inputs<'_>, params: &SimplifyParams, input: &SimplifyInput) -> Option<Simplifier> {
     let is_cancelled = || inputs.cancellation.is_cancelled();
-    let unit = to_unit_sphere(&input.mesh, &inputs.frame);
-    let mut weights = face_weights(&unit, &input.pixels, params.visible_weight);
+    let unit = to_unit_sphere(&input.mesh, &inputs.sphere);
+    let mut weights = face_weights(&unit, &input.pixels, params.collapse.visible_weight);
     if let Some(importance) = inputs.importance {
         let factors = importance.of_faces(&input.mesh, inputs.bvh);
         weights.iter_mut().zip(factors).for_each(|(weight, factor)| *weight *= factor);
@@ -60,10 +61,10 @@ fn before_the_budgets(inputs: &Inputs<'_>, params: &Params, input: &SimplifyInpu
     if is_cancelled() {
         return None;
     }
-    let mut simplifier = Simplifier::new(&unit, &weights, params.curvature);
+    let mut simplifier = Simplifier::new(&unit, &weights, params.collapse.curvature);
     simplifier.stop_with(inputs.cancellation);
     let largest = params.budgets.last().copied().unwrap_or(0) as usize;
-    if params.remove_invisible {
+    if params.collapse.remove_invisible {
         simplifier.drop_negligible_components(largest, NEGLIGIBLE_FACES);
         simplifier.run(ENCLOSED_AT * largest);
         if is_cancelled() {
@@ -79,88 +80,82 @@ fn before_the_budgets(inputs: &Inputs<'_>, params: &Params, input: &SimplifyInpu
     (!is_cancelled()).then_some(simplifier)
 }
 
+/// The collapse of one candidate.
+struct Collapse<'a> {
+    inputs: &'a Inputs<'a>,
+    params: &'a SimplifyParams,
+    candidate: Candidate,
+    double_sided: bool,
+}
+
 /// Shapes that one mesh was collapsed to.
-struct Descent {
+struct Collapsed {
     /// One per budget, in their order.
     shapes: Vec<Shape>,
-    /// A budget could only be met by more faces that cross.
+    /// A budget could only be met by more self-intersecting faces.
     is_stuck: bool,
 }
 
-/// Collapses to each budget, the largest first. `depth` is how deep contacts are resolved on the way, as a part of the
-/// mean edge; with `None` faces may pass through each other.
-fn down_to_budgets(
-    mut simplifier: Simplifier,
-    inputs: &Inputs<'_>,
-    params: &Params,
-    candidate: Candidate,
-    double_sided: bool,
-    depth: Option<f64>,
-) -> Descent {
-    let resolve_intersections =
-        |simplifier: &mut Simplifier| depth.into_iter().for_each(|deepest| simplifier.resolve_intersections(deepest));
-    resolve_intersections(&mut simplifier);
-    let mut shapes = Vec::new();
-    for &budget in params.budgets.iter().rev().take_while(|_| !inputs.cancellation.is_cancelled()) {
-        if params.remove_invisible {
-            simplifier.drop_negligible_components(budget as usize, NEGLIGIBLE_FACES);
+impl Collapse<'_> {
+    /// Collapses to each budget, the largest first. Contacts are resolved on the way up to `depth`, a fraction of the mean
+    /// edge; with `None` the mesh may intersect itself.
+    fn run(&self, mut simplifier: Simplifier, depth: Option<f64>) -> Collapsed {
+        let Self { inputs, params, candidate, double_sided } = *self;
+        let resolve = |simplifier: &mut Simplifier| {
+            depth.into_iter().for_each(|depth| simplifier.resolve_intersections(depth));
+        };
+        resolve(&mut simplifier);
+        let mut shapes = Vec::new();
+        for &budget in params.budgets.iter().rev().take_while(|_| !inputs.cancellation.is_cancelled()) {
+            if params.collapse.remove_invisible {
+                simplifier.drop_negligible_components(budget as usize, NEGLIGIBLE_FACES);
+            }
+            let shortfall = match simplifier.faces() <= budget as usize {
+                _ if inputs.tools.has_joint_planes() => Shortfall::JointPlanes,
+                true => Shortfall::VisibleFaces,
+                false => Shortfall::Components,
+            };
+            simplifier.run(budget as usize);
+            resolve(&mut simplifier);
+            let mesh = self.with_joint_planes(&simplifier, budget as usize);
+            shapes.push(Shape::unscored(mesh, double_sided, candidate, shortfall));
         }
-        simplifier.run(budget as usize);
-        resolve_intersections(&mut simplifier);
-        let mesh = with_joint_planes(&simplifier, inputs, &params.joint_planes, budget as usize);
-        shapes.push(Shape::unjudged(mesh, double_sided, candidate, None));
+        shapes.reverse();
+        Collapsed { shapes, is_stuck: simplifier.is_stuck() }
     }
-    shapes.reverse();
-    Descent { shapes, is_stuck: simplifier.is_stuck() }
-}
 
-/// What the simplifier has come down to, split along the joint planes within the budget: it goes further down by as many
-/// faces as they add.
-fn with_joint_planes(simplifier: &Simplifier, inputs: &Inputs<'_>, wanted: &JointPlanes, budget: usize) -> TriMesh {
-    let mesh = from_unit_sphere(simplifier.mesh(), &inputs.frame);
-    if wanted.planes.is_empty() {
-        return mesh;
+    /// The mesh of the simplifier, split along the joint planes within the budget. To make room, a copy of the simplifier
+    /// collapses further by as many faces as the split adds.
+    fn with_joint_planes(&self, simplifier: &Simplifier, budget: usize) -> TriMesh {
+        let Self { inputs, params, .. } = *self;
+        let mesh = from_unit_sphere(simplifier.mesh(), &inputs.sphere);
+        if !inputs.tools.has_joint_planes() {
+            return mesh;
+        }
+        let most = mesh.triangles.len() + (MOST_RESERVED * budget as f64) as usize;
+        let reserved = inputs.tools.split_at_joints(&mesh, most).triangles.len() - mesh.triangles.len();
+        let mut lower = simplifier.clone();
+        lower.run(budget - reserved);
+        let mesh = from_unit_sphere(lower.mesh(), &inputs.sphere);
+        if params.collapse.split_at_joints { inputs.tools.split_at_joints(&mesh, budget) } else { mesh }
     }
-    let split = |mesh: &TriMesh, most: usize| {
-        skinning::split_along(inputs.model, mesh, &inputs.influences(mesh), &wanted.planes, most).mesh
-    };
-    let most = mesh.triangles.len() + (MOST_RESERVED * budget as f64) as usize;
-    let reserved = split(&mesh, most).triangles.len() - mesh.triangles.len();
-    let mut lower = simplifier.clone();
-    lower.run(budget - reserved);
-    let mesh = from_unit_sphere(lower.mesh(), &inputs.frame);
-    if wanted.split { split(&mesh, budget) } else { mesh }
 }
 
 /// Motions of points in the unit sphere, there.
 fn motions_in_unit_sphere(inputs: &Inputs<'_>, poses: &Poses<'_>, unit: &[Vec3]) -> Motions {
-    let BoundingSphere { centre, radius } = inputs.frame;
+    let BoundingSphere { centre, radius } = inputs.sphere;
     let positions: Vec<Vec3> = unit.iter().map(|p| *p * radius + centre).collect();
     let from_unit = Affine3A::from_translation(centre) * Affine3A::from_scale(Vec3::splat(radius));
     poses.motions_by_closest_point(inputs.bvh, &positions).rebased(from_unit)
 }
 
-pub(super) fn to_unit_sphere(mesh: &TriMesh, frame: &BoundingSphere) -> TriMesh {
-    let positions = mesh.positions.iter().map(|p| (*p - frame.centre) / frame.radius).collect();
-    TriMesh { positions, triangles: mesh.triangles.clone() }
-}
-
-pub(super) fn from_unit_sphere(mesh: TriMesh, frame: &BoundingSphere) -> TriMesh {
-    let positions = mesh.positions.iter().map(|p| *p * frame.radius + frame.centre).collect();
-    TriMesh { positions, triangles: mesh.triangles }
-}
-
-/// Which faces of a mesh in the unit sphere nothing sees: no camera in motion, and no ray from them at rest gets out.
+/// Faces of a mesh in the unit sphere that nothing sees: no camera sees them in motion, and no ray from them escapes at
+/// rest.
 fn enclosed(inputs: &Inputs<'_>, unit: &TriMesh, double_sided: bool) -> Vec<bool> {
-    let mesh = from_unit_sphere(unit.clone(), &inputs.frame);
+    let mesh = from_unit_sphere(unit.clone(), &inputs.sphere);
     let mut enclosed: Vec<bool> =
         pixels_in_motion(inputs, &mesh, &|_| double_sided).into_iter().map(|pixels| pixels == 0).collect();
-    let frame = BoundingSphere { centre: Vec3::ZERO, radius: 1.0 };
-    visibility::keep_enclosed(&mut enclosed, unit, &frame, double_sided, inputs.cancellation);
+    let sphere = BoundingSphere { centre: Vec3::ZERO, radius: 1.0 };
+    visibility::keep_enclosed(&mut enclosed, unit, &sphere, double_sided, inputs.cancellation);
     enclosed
-}
-
-/// Part of a mesh's faces that pass through others.
-fn self_intersecting_fraction(mesh: &TriMesh) -> f64 {
-    self_intersecting_faces(mesh) as f64 / mesh.triangles.len().max(1) as f64
 }

@@ -3,7 +3,7 @@
 use glam::Vec3;
 use rayon::prelude::*;
 
-use super::OpaqueSurface;
+use super::opaque::OpaqueSurface;
 use crate::data::{Deviation, TriMesh, bounds};
 use crate::geometry::{Bvh, fibonacci_directions};
 

@@ -1,59 +1,67 @@
-//! How much more than others some parts of a source count: "keep the face".
+//! Weights of the source's triangles: "keep the face".
 
 use glam::Vec3;
+use serde::Serialize;
 
 use crate::Error;
 use crate::animation::{Motions, Poses};
-use crate::data::{Model, TriMesh};
+use crate::data::{MaterialWeight, Model, TriMesh};
 use crate::geometry::Bvh;
 use crate::render::{EMPTY_PIXEL, Raster, View};
-use crate::settings::BakeSettings;
+
+/// Weights of materials and of painted vertices.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct ImportanceParams {
+    /// The last that matches a material's name applies.
+    pub materials: Vec<MaterialWeight>,
+    /// Weight where the red of the second vertex colour is one.
+    pub painted: f32,
+}
 
 /// Weights of a source's triangles.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Importance(Vec<f32>);
 
 impl Importance {
-    /// By the names of materials and by what is painted into the second vertex colour; `None` if all count alike.
+    /// Weights by the names of materials and by the second vertex colour; `None` if all triangles count alike.
     ///
     /// # Errors
     /// If a glob is malformed.
-    pub fn of(model: &Model, settings: &BakeSettings) -> Result<Option<Self>, Error> {
+    pub fn of(model: &Model, params: &ImportanceParams) -> Result<Option<Self>, Error> {
         let mut by_material = vec![1.0; model.materials.len()];
-        for importance in &settings.importance {
-            let matcher = importance
-                .matcher()
-                .ok_or_else(|| Error::Settings(format!("importance: '{}' is no glob", importance.material)))?;
+        for group in &params.materials {
+            let matcher =
+                group.matcher().ok_or_else(|| Error::Settings(format!("importance: '{}' is no glob", group.material)))?;
             for (weight, material) in by_material.iter_mut().zip(&model.materials) {
                 if matcher.is_match(&material.name) {
-                    *weight = importance.weight;
+                    *weight = group.weight;
                 }
             }
         }
         let surface = &model.surface;
         let painted = |triangle: &[u32; 3]| {
             let red: f32 = triangle.iter().map(|&v| surface.painted.get(v as usize).copied().unwrap_or(0.0)).sum();
-            libm::powf(settings.painted_importance, red / 3.0)
+            libm::powf(params.painted, red / 3.0)
         };
         let faces = surface.triangles.iter().zip(&surface.material);
         let weights: Vec<f32> = faces.map(|(t, &m)| by_material.get(m as usize).unwrap_or(&1.0) * painted(t)).collect();
         Ok(weights.iter().any(|w| *w != 1.0).then_some(Self(weights)))
     }
 
-    /// By triangle of the source.
+    /// Weights by triangle of the source.
     pub(crate) fn weights(&self) -> &[f32] {
         &self.0
     }
 
-    /// The weight of each face of a mesh near the source: that of the triangle of `bvh`, over the source, nearest to its
-    /// middle.
+    /// Weights of the faces of a mesh near the source: each takes the weight of the triangle of `bvh`, over the source, that
+    /// is nearest to its centroid.
     pub(super) fn of_faces(&self, mesh: &TriMesh, bvh: &Bvh) -> Vec<f64> {
         let middle = |t: usize| mesh.corners(t).iter().sum::<Vec3>() / 3.0;
         let near = |t: usize| bvh.closest(middle(t), f32::INFINITY).map_or(1.0, |hit| self.0[hit.triangle as usize]);
         (0..mesh.triangles.len()).map(|t| f64::from(near(t))).collect()
     }
 
-    /// The weight of each pixel of a view: that of the triangle seen there, one beside the source.
+    /// Weights of the pixels of each view: the weight of the visible triangle, and one beside the source.
     pub(super) fn of_pixels(&self, model: &Model, poses: Option<&Poses<'_>>, views: &[&View]) -> Vec<Vec<f32>> {
         let surface = &model.surface;
         let motions = poses.map_or_else(Motions::default, |poses| poses.motions(&surface.influences));
@@ -72,7 +80,6 @@ impl Importance {
 mod tests {
     use super::*;
     use crate::data::{Material, Surface};
-    use crate::settings;
 
     /// Two squares of two triangles, side by side: the left one is of `Face`.
     fn squares() -> Model {
@@ -88,22 +95,21 @@ mod tests {
         Model { surface, materials: vec![named("HeroFace"), named("Coat")], ..Model::empty("squares") }
     }
 
-    fn settings(weight: f32) -> BakeSettings {
-        let importance = vec![settings::Importance { material: "*Face".into(), weight }];
-        BakeSettings { importance, painted_importance: 4.0, ..BakeSettings::default() }
+    fn params(weight: f32) -> ImportanceParams {
+        ImportanceParams { materials: vec![MaterialWeight { material: "*Face".into(), weight }], painted: 4.0 }
     }
 
     #[test]
     fn all_count_alike_by_default() {
-        assert_eq!(Importance::of(&squares(), &BakeSettings::default()).expect("sound"), None);
+        assert_eq!(Importance::of(&squares(), &ImportanceParams { materials: Vec::new(), painted: 1.0 }).expect("sound"), None);
     }
 
     #[test]
     fn materials_count_by_name_and_vertices_by_paint() {
         let mut model = squares();
-        assert_eq!(Importance::of(&model, &settings(3.0)).expect("sound"), Some(Importance(vec![3.0, 3.0, 1.0, 1.0])));
+        assert_eq!(Importance::of(&model, &params(3.0)).expect("sound"), Some(Importance(vec![3.0, 3.0, 1.0, 1.0])));
         model.surface.painted = vec![0.0, 0.0, 1.0, 0.0, 0.0, 0.5];
-        let weights = Importance::of(&model, &settings(1.0)).expect("sound").expect("painted").0;
+        let weights = Importance::of(&model, &params(1.0)).expect("sound").expect("painted").0;
         assert_eq!(weights[..2], [1.0, 1.0]);
         assert!((weights[2] - 2.0).abs() < 1e-5 && weights[3] > 1.0 && weights[3] < 2.0, "{weights:?}");
     }
@@ -111,7 +117,7 @@ mod tests {
     #[test]
     fn faces_and_pixels_take_the_weight_of_what_is_there() {
         let model = squares();
-        let importance = Importance::of(&model, &settings(3.0)).expect("sound").expect("named");
+        let importance = Importance::of(&model, &params(3.0)).expect("sound").expect("named");
         let mesh = TriMesh { positions: model.surface.positions.clone(), triangles: vec![[1, 2, 5], [0, 1, 3]] };
         let bvh = Bvh::new(&model.surface.positions, &model.surface.triangles);
         assert_eq!(importance.of_faces(&mesh, &bvh), [1.0, 3.0]);

@@ -7,49 +7,62 @@
 use glam::{Vec4, Vec4Swizzles};
 use rayon::prelude::*;
 
+use super::inputs::Inputs;
+use super::self_intersection;
+use super::shape::Shape;
 use crate::animation::Motions;
 use crate::data::TriMesh;
 use crate::render::raster::{barycentric_at, barycentric_coefficients, pixel_to_ndc};
 use crate::render::{EMPTY_PIXEL, Raster, View};
 
-/// Cells over the whole mesh, about.
+/// One view in this many scores shapes.
+const VIEW_STRIDE: usize = 3;
+/// Approximate number of cells over the whole mesh.
 const CELLS: f32 = 65_536.0;
 /// Most cells along the side of a face.
 const MOST_ALONG: u32 = 256;
 /// Weight of the squared coverage error against those of the three colours.
 const COVERAGE_WEIGHT: f32 = 1.5;
 
-/// Mean squared error per pixel over `views` with the best colour in each cell, 0 to about 4. `motions` move the mesh
-/// into the poses of the views. `weights` has one list per view with a factor for each of its pixels, or is empty.
-pub(super) fn render_error(
-    mesh: &TriMesh,
-    motions: &Motions,
-    double_sided: bool,
-    views: &[&View],
-    weights: &[Vec<f32>],
-) -> f64 {
-    let painter = Painter::new(mesh, motions, double_sided);
-    let seen: Vec<Vec<Seen>> = views.par_iter().map(|view| painter.look(view)).collect();
-    // Sums over views in a fixed order: one partial sum per chunk, however many threads there are.
-    let chunk = views.len().div_ceil(4).max(1);
-    let sums: Vec<Vec<Vec4>> =
-        views.par_chunks(chunk).zip(seen.par_chunks(chunk)).map(|(views, seen)| painter.sums(views, seen)).collect();
-    let mut cells = vec![Vec4::ZERO; painter.cells()];
-    for part in &sums {
-        cells.iter_mut().zip(part).for_each(|(a, b)| *a += *b);
+/// Scores shapes by a third of the views.
+pub(super) struct Scorer<'a> {
+    views: Vec<&'a View>,
+    /// A factor for each pixel of each view; empty if all count alike.
+    weights: Vec<Vec<f32>>,
+}
+
+impl<'a> Scorer<'a> {
+    pub(super) fn new(inputs: &Inputs<'a>) -> Self {
+        let views: Vec<&View> = inputs.views.iter().step_by(VIEW_STRIDE).collect();
+        let weights = inputs.importance.map(|i| i.of_pixels(inputs.model, inputs.poses, &views)).unwrap_or_default();
+        Self { views, weights }
     }
-    cells.iter_mut().for_each(|c| *c = if c.w > 0.0 { *c / c.w } else { Vec4::new(0.5, 0.5, 0.5, 1.0) });
-    let error = |(v, (view, seen)): (usize, (&&View, &Vec<Seen>))| {
-        let of_pixel = |&Seen { pixel, cell }: &Seen| {
-            let painted = if cell == NO_CELL { Vec4::ZERO } else { cells[cell as usize] };
-            let d = painted - view.image.at(pixel as usize);
-            let weight = weights.get(v).map_or(1.0, |weights| weights[pixel as usize]);
-            f64::from(weight * (d.xyz().length_squared() + COVERAGE_WEIGHT * d.w * d.w))
+
+    /// Sets the render error, the deviation and the number of self-intersecting faces of a shape.
+    pub(super) fn score(&self, inputs: &Inputs<'_>, shape: &mut Shape) {
+        let motions = inputs.motions(&shape.mesh);
+        shape.render_error = self.render_error(&Painter::new(&shape.mesh, &motions, shape.double_sided));
+        shape.deviation = inputs.deviation_metric.measure(&shape.mesh);
+        shape.self_intersecting = self_intersection::count(&shape.mesh);
+    }
+
+    /// Mean squared error per pixel with the best colour in each cell, 0 to about 4.
+    fn render_error(&self, painter: &Painter<'_>) -> f64 {
+        let views = &self.views;
+        let seen: Vec<Vec<Seen>> = views.par_iter().map(|view| painter.look(view)).collect();
+        let cells = painter.best_colors(views, &seen);
+        let error = |(v, (view, seen)): (usize, (&&View, &Vec<Seen>))| {
+            let of_pixel = |&Seen { pixel, cell }: &Seen| {
+                let painted = if cell == NO_CELL { Vec4::ZERO } else { cells[cell as usize] };
+                let d = painted - view.image.at(pixel as usize);
+                let weight = self.weights.get(v).map_or(1.0, |weights| weights[pixel as usize]);
+                f64::from(weight * (d.xyz().length_squared() + COVERAGE_WEIGHT * d.w * d.w))
+            };
+            seen.iter().map(of_pixel).sum::<f64>() / (view.image.size * view.image.size) as f64
         };
-        seen.iter().map(of_pixel).sum::<f64>() / (view.image.size * view.image.size) as f64
-    };
-    let errors: Vec<f64> = views.par_iter().zip(&seen).enumerate().map(error).collect();
-    errors.iter().sum::<f64>() / views.len().max(1) as f64
+        let errors: Vec<f64> = views.par_iter().zip(&seen).enumerate().map(error).collect();
+        errors.iter().sum::<f64>() / views.len().max(1) as f64
+    }
 }
 
 /// Cell of a pixel that only the source covers.
@@ -122,7 +135,21 @@ impl<'a> Painter<'a> {
         seen
     }
 
-    /// Per cell, the sum of the source's pixels that see it wholly.
+    /// The best colour of each cell: the mean over the views.
+    fn best_colors(&self, views: &[&View], seen: &[Vec<Seen>]) -> Vec<Vec4> {
+        // Sums over views in a fixed order: one partial sum per chunk, however many threads there are.
+        let chunk = views.len().div_ceil(4).max(1);
+        let sums: Vec<Vec<Vec4>> =
+            views.par_chunks(chunk).zip(seen.par_chunks(chunk)).map(|(views, seen)| self.sums(views, seen)).collect();
+        let mut cells = vec![Vec4::ZERO; self.cells()];
+        for partial in &sums {
+            cells.iter_mut().zip(partial).for_each(|(a, b)| *a += *b);
+        }
+        cells.iter_mut().for_each(|c| *c = if c.w > 0.0 { *c / c.w } else { Vec4::new(0.5, 0.5, 0.5, 1.0) });
+        cells
+    }
+
+    /// For each cell, the sum of the source's pixels that it covers wholly.
     fn sums(&self, views: &[&View], seen: &[Vec<Seen>]) -> Vec<Vec4> {
         let mut cells = vec![Vec4::ZERO; self.cells()];
         for (view, seen) in views.iter().zip(seen) {

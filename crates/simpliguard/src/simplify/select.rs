@@ -1,26 +1,24 @@
-//! Which of several shapes for a budget is kept.
+//! Selects the best of several shapes for a budget.
 //!
-//! Shapes are compared by what they render. A tenth of a decibel that a texture may paint over is worth neither a surface
-//! twice as far from the source, nor faces that pass through each other, nor cracks: all of them add to the score.
+//! Shapes are compared by their render error. A tenth of a decibel, which a texture may paint over, is worth neither a
+//! surface twice as far from the source, nor self-intersecting faces, nor cracks: all of them add to the score.
 
-use super::Shape;
+use super::self_intersection::{SEVERE, TOLERATED};
+use super::shape::Shape;
 use crate::data::Candidate;
 use crate::geometry::Topology;
 
-/// Part of a shape's faces that may pass through others before it counts as self_intersecting.
-pub(super) const MAY_INTERSECT: f64 = 0.01;
-/// Part from which on it is self_intersecting through and through.
-const BADLY_SELF_INTERSECTING: f64 = 0.05;
-/// How many times smaller the score of a self_intersecting shape must be than that of another: where it is hardly self_intersecting, and
-/// where it is so through and through, one decibel.
+/// Factor on the score of a shape that is hardly self-intersecting.
 const SLIGHT_HANDICAP: f64 = 1.05;
+/// Factor on the score of a shape that is badly self-intersecting: one decibel.
 const FULL_HANDICAP: f64 = 1.26;
-/// A finer reconstruction is tried where the best clean score is at most this many times that of a self_intersecting winner.
+/// A finer reconstruction is tried where the best clean score is at most this many times the score of a self-intersecting
+/// winner.
 const WITHIN_REACH: f64 = 1.27;
-/// How much larger the score of a shape gets that is twice as far from the source as the closest one, as a part of it.
+/// The score of a shape that is twice as far from the source as the closest one grows by this fraction.
 const DISTANCE_WEIGHT: f64 = 0.2;
-/// As [`DISTANCE_WEIGHT`], for a shape all of whose faces pass through others.
-const CROSSING_WEIGHT: f64 = 0.6;
+/// As [`DISTANCE_WEIGHT`], for a shape all of whose faces are self-intersecting.
+const INTERSECTION_WEIGHT: f64 = 0.6;
 /// As [`DISTANCE_WEIGHT`], for a shape with as many edges on its boundary as faces. Views that do not score see cracks, and
 /// vertices beside them have less room to be refined.
 const BOUNDARY_WEIGHT: f64 = 0.2;
@@ -29,8 +27,8 @@ const FEW_HANDLES: i64 = 2;
 /// Distances below this are equal, as a fraction of the diagonal of the source's bounding box.
 const EQUAL_DISTANCE: f32 = 2e-5;
 
-/// Whether the source's own triangles collapse to sound surfaces that are as good as any reconstruction:
-/// finer ones would only come as close as they do.
+/// The source's own triangles collapse to sound surfaces that score as well as any reconstruction. Finer reconstructions
+/// would only come as close as they do.
 pub(super) fn source_serves(selections: &[Selection]) -> bool {
     let is_sound = |selection: &Selection| {
         selection.0.iter().any(|e| e.shape.candidate == Candidate::Source && !e.self_intersects())
@@ -42,11 +40,11 @@ pub(super) fn source_serves(selections: &[Selection]) -> bool {
     !selections.is_empty() && selections.iter().all(|selection| is_sound(selection) && wins(selection))
 }
 
-/// The shapes for a budget.
+/// The shapes for one budget.
 #[derive(Default)]
 pub(super) struct Selection(Vec<Entry>);
 
-/// A shape in a selection.
+/// A shape and its topology.
 struct Entry {
     shape: Shape,
     topology: Topology,
@@ -59,13 +57,13 @@ impl From<Shape> for Entry {
 }
 
 impl Entry {
-    /// Part of the faces that pass through others.
+    /// Fraction of the faces that intersect others.
     fn self_intersecting_fraction(&self) -> f64 {
         self.shape.self_intersecting as f64 / self.faces()
     }
 
     fn self_intersects(&self) -> bool {
-        self.self_intersecting_fraction() > MAY_INTERSECT
+        self.self_intersecting_fraction() > TOLERATED
     }
 
     fn faces(&self) -> f64 {
@@ -84,7 +82,7 @@ impl Entry {
 }
 
 impl Selection {
-    pub(super) fn enter(&mut self, shape: Shape) {
+    pub(super) fn add(&mut self, shape: Shape) {
         self.0.push(shape.into());
     }
 
@@ -92,7 +90,7 @@ impl Selection {
         self.0.is_empty()
     }
 
-    /// Whether a reconstruction is in pieces, has several handles or passes through itself: parts lie close together, and a
+    /// No reconstruction is in one piece with few handles and free of self-intersections. Parts lie close together then, and a
     /// thick surface may run around them.
     pub(super) fn wants_thick(&self) -> bool {
         let mut reconstructions =
@@ -100,7 +98,7 @@ impl Selection {
         !reconstructions.any(Entry::is_in_one_piece)
     }
 
-    /// Whether a finer reconstruction may be free of the faces that pass through each other in the best shape.
+    /// A finer reconstruction may be free of the self-intersections of the best shape.
     pub(super) fn wants_finer(&self) -> bool {
         let best = |self_intersecting: bool| {
             let entries = self.0.iter().filter(|entry| entry.self_intersects() == self_intersecting);
@@ -110,7 +108,7 @@ impl Selection {
         self_intersecting < clean && self_intersecting * WITHIN_REACH >= clean && self.finest_renders_best()
     }
 
-    /// Whether of the reconstructions the finest renders best, and there are coarser ones.
+    /// The finest reconstruction renders better than coarser ones, and there are coarser ones.
     fn finest_renders_best(&self) -> bool {
         let reconstructions = self.0.iter().filter_map(|entry| match entry.shape.candidate {
             Candidate::Reconstruction(params) => Some((params.resolution, entry.shape.render_error)),
@@ -128,13 +126,13 @@ impl Selection {
         candidates.reduce(|best, next| if next.1 < best.1 { next } else { best }).map(|(entry, _)| entry.shape)
     }
 
-    /// The score with what a self_intersecting shape has to be better by.
+    /// The score with the handicap of a self-intersecting shape.
     fn handicapped(&self, entry: &Entry) -> f64 {
         if !entry.self_intersects() {
             return self.score(entry);
         }
-        let part = (entry.self_intersecting_fraction() - MAY_INTERSECT) / (BADLY_SELF_INTERSECTING - MAY_INTERSECT);
-        self.score(entry) * (SLIGHT_HANDICAP + (FULL_HANDICAP - SLIGHT_HANDICAP) * part.min(1.0))
+        let severity = (entry.self_intersecting_fraction() - TOLERATED) / (SEVERE - TOLERATED);
+        self.score(entry) * (SLIGHT_HANDICAP + (FULL_HANDICAP - SLIGHT_HANDICAP) * severity.min(1.0))
     }
 
     fn score(&self, entry: &Entry) -> f64 {
@@ -142,7 +140,7 @@ impl Selection {
         let boundary = entry.topology.edges.boundary as f64 / entry.faces();
         entry.shape.render_error
             * (1.0 + DISTANCE_WEIGHT * (entry.distance() / closest - 1.0))
-            * (1.0 + CROSSING_WEIGHT * entry.self_intersecting_fraction())
+            * (1.0 + INTERSECTION_WEIGHT * entry.self_intersecting_fraction())
             * (1.0 + BOUNDARY_WEIGHT * boundary)
     }
 }
@@ -151,6 +149,7 @@ impl Selection {
 mod tests {
     use super::*;
     use crate::data::{Deviation, TriMesh};
+    use crate::simplify::shape::Shortfall;
 
     /// Twenty-five closed parts of four faces.
     fn tetrahedra() -> TriMesh {
@@ -167,6 +166,7 @@ mod tests {
             render_error,
             deviation: Deviation { mean, ..Deviation::default() },
             self_intersecting,
+            shortfall: Shortfall::Components,
             cards: None,
         }
     }

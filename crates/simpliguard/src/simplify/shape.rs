@@ -1,4 +1,6 @@
-//! What a candidate leads to.
+//! The result of the stage for one budget.
+
+use std::fmt;
 
 use crate::data::{Candidate, Cards, Deviation, TriMesh};
 
@@ -9,21 +11,48 @@ pub struct Shape {
     pub mesh: TriMesh,
     /// Back faces are seen too.
     pub double_sided: bool,
-    /// Where it came from.
+    /// The candidate that it came from.
     pub candidate: Candidate,
-    /// Error against the source's pictures that no texture removes, mean square per pixel.
+    /// Error against the views of the source that no texture removes, mean square per pixel.
     pub render_error: f64,
     /// Distances to the source, in the rest pose.
     pub deviation: Deviation,
-    /// Faces that pass through others.
+    /// Number of self-intersecting faces.
     pub self_intersecting: usize,
-    /// Which faces are cut-out cards, if the source is foliage.
+    /// Why the mesh may have fewer faces than its budget.
+    pub shortfall: Shortfall,
+    /// Faces that are cut-out cards, if the source is foliage.
     pub cards: Option<Cards>,
 }
 
 impl Shape {
-    pub(super) fn unjudged(mesh: TriMesh, double_sided: bool, candidate: Candidate, cards: Option<Cards>) -> Self {
+    /// A shape before it is scored.
+    pub(super) fn unscored(mesh: TriMesh, double_sided: bool, candidate: Candidate, shortfall: Shortfall) -> Self {
         let (render_error, deviation) = (f64::INFINITY, Deviation::default());
-        Self { mesh, double_sided, candidate, render_error, deviation, self_intersecting: 0, cards }
+        Self { mesh, double_sided, candidate, render_error, deviation, self_intersecting: 0, shortfall, cards: None }
+    }
+}
+
+/// Reasons for a mesh with fewer faces than its budget.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Shortfall {
+    /// The mesh had no more faces before its collapse.
+    VisibleFaces,
+    /// Small components vanish as a whole.
+    Components,
+    /// Faces were kept free for joint planes that add fewer.
+    JointPlanes,
+    /// There are too few leaves for more cards.
+    Leaves,
+}
+
+impl fmt::Display for Shortfall {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::VisibleFaces => "the visible surface of the source has no more faces",
+            Self::Components => "small components vanish several faces at a time, and the next face would be one too many",
+            Self::JointPlanes => "faces were kept free for the joint planes, which add fewer",
+            Self::Leaves => "there are too few leaves for more cards",
+        })
     }
 }

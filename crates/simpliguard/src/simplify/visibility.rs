@@ -26,7 +26,7 @@ const RAYS: usize = 48;
 /// Pixels that each face covers over all of `directions`. Back faces count where `double_sided(t)`.
 pub(super) fn visible_pixels(
     mesh: &TriMesh,
-    frame: &BoundingSphere,
+    sphere: &BoundingSphere,
     directions: usize,
     double_sided: &(impl Fn(usize) -> bool + Sync),
     cancellation: &Cancellation,
@@ -35,7 +35,7 @@ pub(super) fn visible_pixels(
     let turn = glam::Quat::from_xyzw(0.18, 0.37, 0.26, 0.87).normalize();
     let directions = fibonacci_directions(directions);
     let count = |(mut raster, mut pixels): (Raster, Vec<u32>), direction: &Vec3| {
-        let camera = Camera::orbit(frame, (turn * *direction).normalize(), 0.6, 1.0);
+        let camera = Camera::orbit(sphere, (turn * *direction).normalize(), 0.6, 1.0);
         let clip: Vec<Vec4> = camera.project(&mesh.positions);
         let rect = Rect::around(&clip, SIZE, 0);
         raster.clear(rect);
@@ -61,18 +61,39 @@ pub(super) fn visible_pixels(
 /// cameras around the mesh see, each face with its neighbours.
 pub fn texel_density(
     mesh: &TriMesh,
-    frame: &BoundingSphere,
+    sphere: &BoundingSphere,
     double_sided: bool,
     cancellation: &Cancellation,
 ) -> Vec<f32> {
-    let pixels = visible_pixels(mesh, frame, DENSITY_DIRECTIONS, &|_| double_sided, cancellation);
-    let weights = super::input::face_weights(mesh, &pixels, 1.0);
+    let pixels = visible_pixels(mesh, sphere, DENSITY_DIRECTIONS, &|_| double_sided, cancellation);
+    let weights = face_weights(mesh, &pixels, 1.0);
     let density = |(t, weight): (usize, f64)| {
         let area = 0.5 * f64::from(mesh.area_vector(t).length());
         let density = if area > 0.0 { (weight / area).sqrt() as f32 } else { 1.0 };
         density.clamp(LEAST_DENSITY, LARGEST_DENSITY)
     };
     weights.into_iter().enumerate().map(density).collect()
+}
+
+/// Area of each face, scaled by the number of pixels that see its surroundings per area, relative to the mean.
+pub(super) fn face_weights(mesh: &TriMesh, pixels: &[u32], visible: f64) -> Vec<f64> {
+    let areas: Vec<f64> = (0..mesh.triangles.len()).map(|t| 0.5 * f64::from(mesh.area_vector(t).length())).collect();
+    let area: f64 = areas.iter().sum();
+    let total: f64 = pixels.iter().map(|&n| f64::from(n)).sum();
+    if total == 0.0 || area == 0.0 {
+        return areas;
+    }
+    // Pixels and area around each vertex: a face between two pixels is not weightless.
+    let mut around = vec![(0.0, 0.0); mesh.positions.len()];
+    for (t, triangle) in mesh.triangles.iter().enumerate() {
+        for &v in triangle {
+            around[v as usize].0 += f64::from(pixels[t]) / total;
+            around[v as usize].1 += areas[t] / area;
+        }
+    }
+    let density = |v: u32| around[v as usize].0 / around[v as usize].1.max(1e-12);
+    let mean = |t: &[u32; 3]| t.iter().map(|&v| density(v)).sum::<f64>() / 3.0;
+    mesh.triangles.iter().zip(&areas).map(|(t, &a)| a * ((1.0 - visible) + visible * mean(t))).collect()
 }
 
 /// Grows a set of faces by those that share a vertex with it, `rings` times.
@@ -93,17 +114,17 @@ pub(super) fn grow(mesh: &TriMesh, faces: &mut [bool], rings: usize) {
 pub(super) fn keep_enclosed(
     faces: &mut [bool],
     mesh: &TriMesh,
-    frame: &BoundingSphere,
+    sphere: &BoundingSphere,
     two_sided: bool,
     cancellation: &Cancellation,
 ) {
     let bvh = Bvh::new(&mesh.positions, &mesh.triangles);
     let directions = fibonacci_directions(2 * RAYS);
-    let lift = frame.radius * 1e-4;
+    let lift = sphere.radius * 1e-4;
     let escapes = |p: Vec3, n: Vec3| {
         let stopped = |d: Vec3| {
             let stops = |t: u32| two_sided || mesh.area_vector(t as usize).dot(d) > 0.0;
-            bvh.occluded_where(p + n * lift, d, 4.0 * frame.radius, stops)
+            bvh.occluded_where(p + n * lift, d, 4.0 * sphere.radius, stops)
         };
         directions.iter().filter(|d| d.dot(n) > 0.05).any(|&d| !stopped(d))
     };
@@ -136,9 +157,9 @@ mod tests {
     #[test]
     fn rays_do_not_leave_a_closed_shell() {
         let mesh = nested();
-        let frame = BoundingSphere::around(&mesh.positions);
+        let sphere = BoundingSphere::around(&mesh.positions);
         let mut faces = [true, true, true, false, true, true, true, true];
-        keep_enclosed(&mut faces, &mesh, &frame, false, &Cancellation::default());
+        keep_enclosed(&mut faces, &mesh, &sphere, false, &Cancellation::default());
         assert_eq!(faces, [true, true, true, false, false, false, false, false]);
     }
 
@@ -146,10 +167,10 @@ mod tests {
     fn rays_leave_a_room_through_the_backs_of_its_walls() {
         let mut room = nested();
         room.triangles.iter_mut().for_each(|t| t.swap(1, 2));
-        let frame = BoundingSphere::around(&room.positions);
+        let sphere = BoundingSphere::around(&room.positions);
         let enclosed = |two_sided: bool| {
             let mut faces = [true; 8];
-            keep_enclosed(&mut faces, &room, &frame, two_sided, &Cancellation::default());
+            keep_enclosed(&mut faces, &room, &sphere, two_sided, &Cancellation::default());
             faces
         };
         assert_eq!(enclosed(false), [false; 8]);

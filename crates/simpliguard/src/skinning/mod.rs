@@ -74,6 +74,30 @@ pub struct TransferReport {
     pub forced: usize,
 }
 
+/// How a level is skinned.
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
+pub struct SkinningParams {
+    /// How influences are found.
+    pub transfer: Transfer,
+    /// Joints that move fewer faces of a level give way to the joint above; 0 keeps all.
+    pub bone_faces: f32,
+    /// Weights are fitted to the poses.
+    pub fit_weights: bool,
+}
+
+/// Influences of each vertex of a level in the rest pose: transferred from the source, moved to the bones that are left,
+/// and fitted to the poses. Empty for a model without bones.
+pub fn skin(source: &SkinSource<'_>, poses: Option<&Poses<'_>>, mesh: &TriMesh, params: &SkinningParams) -> Vec<Influences> {
+    let (mut influences, _) = transfer(source, mesh, &mesh.vertex_normals(), params.transfer);
+    if let Some(remap) = BoneRemap::of(source.model, mesh.triangles.len(), params.bone_faces) {
+        remap.fold(&mut influences);
+    }
+    match poses {
+        Some(poses) if params.fit_weights => fit(source, poses, mesh, influences),
+        _ => influences,
+    }
+}
+
 /// Influences for each vertex of `mesh`, a level in the rest pose with unit vertex normals. Empty for a model without bones; otherwise every vertex has at least one influence.
 pub fn transfer(
     skin_source: &SkinSource<'_>,

@@ -37,9 +37,9 @@ impl<'a> SkinSource<'a> {
         Self { model, bvh, parts, tolerance: TOLERANCE * low.distance(high) }
     }
 
-    /// A number for the connected part of the source that a triangle belongs to.
-    pub fn part(&self, triangle: u32) -> u32 {
-        self.parts[triangle as usize]
+    /// A number for the connected part of the source that each triangle belongs to. Empty for a source that keeps still.
+    pub fn parts(&self) -> &[u32] {
+        &self.parts
     }
 
     /// Influences at a point of one of its triangles.

@@ -3,11 +3,11 @@
 use bytemuck::{AnyBitPattern, NoUninit, Pod};
 use glam::Vec3;
 
-use super::Object;
+use super::Stored;
 use crate::data::{Atlas, Cards, Deviation, Influences, TriMesh};
 use crate::data::{Candidate, Reconstruction};
 use crate::refine::Refined;
-use crate::simplify::Shape;
+use crate::simplify::{Shape, Shortfall};
 
 #[derive(Default)]
 pub(crate) struct Writer(Vec<u8>);
@@ -62,7 +62,7 @@ impl<'a> Reader<'a> {
     }
 }
 
-impl<T: Object> Object for Vec<T> {
+impl<T: Stored> Stored for Vec<T> {
     fn write(&self, writer: &mut Writer) {
         writer.number(self.len() as u64);
         self.iter().for_each(|object| object.write(writer));
@@ -73,7 +73,7 @@ impl<T: Object> Object for Vec<T> {
     }
 }
 
-impl<T: Object> Object for Option<T> {
+impl<T: Stored> Stored for Option<T> {
     fn write(&self, writer: &mut Writer) {
         writer.number(u8::from(self.is_some()));
         if let Some(object) = self {
@@ -86,7 +86,7 @@ impl<T: Object> Object for Option<T> {
     }
 }
 
-impl<A: Object, B: Object> Object for (A, B) {
+impl<A: Stored, B: Stored> Stored for (A, B) {
     fn write(&self, writer: &mut Writer) {
         self.0.write(writer);
         self.1.write(writer);
@@ -97,7 +97,7 @@ impl<A: Object, B: Object> Object for (A, B) {
     }
 }
 
-impl Object for TriMesh {
+impl Stored for TriMesh {
     fn write(&self, writer: &mut Writer) {
         writer.slice(&self.positions);
         writer.slice(&self.triangles);
@@ -110,7 +110,7 @@ impl Object for TriMesh {
     }
 }
 
-impl Object for Candidate {
+impl Stored for Candidate {
     fn write(&self, writer: &mut Writer) {
         match *self {
             Self::Reconstruction(Reconstruction { resolution, offset, keep }) => {
@@ -137,7 +137,7 @@ impl Object for Candidate {
     }
 }
 
-impl Object for Cards {
+impl Stored for Cards {
     fn write(&self, writer: &mut Writer) {
         let Self { group, source_group, reach } = self;
         writer.slice(group);
@@ -150,15 +150,16 @@ impl Object for Cards {
     }
 }
 
-impl Object for Shape {
+impl Stored for Shape {
     fn write(&self, writer: &mut Writer) {
-        let Self { mesh, double_sided, candidate, render_error, deviation, self_intersecting, cards } = self;
+        let Self { mesh, double_sided, candidate, render_error, deviation, self_intersecting, shortfall, cards } = self;
         mesh.write(writer);
         writer.number(u8::from(*double_sided));
         candidate.write(writer);
         writer.number(*render_error);
         deviation.write(writer);
         writer.number(*self_intersecting as u64);
+        shortfall.write(writer);
         cards.write(writer);
     }
 
@@ -168,14 +169,36 @@ impl Object for Shape {
             double_sided: reader.flag()?,
             candidate: Candidate::read(reader)?,
             render_error: reader.number()?,
-            deviation: Object::read(reader)?,
+            deviation: Stored::read(reader)?,
             self_intersecting: reader.number::<u64>()? as usize,
-            cards: Object::read(reader)?,
+            shortfall: Stored::read(reader)?,
+            cards: Stored::read(reader)?,
         })
     }
 }
 
-impl Object for Deviation {
+impl Stored for Shortfall {
+    fn write(&self, writer: &mut Writer) {
+        writer.number(match self {
+            Self::VisibleFaces => 0u8,
+            Self::Components => 1,
+            Self::JointPlanes => 2,
+            Self::Leaves => 3,
+        });
+    }
+
+    fn read(reader: &mut Reader<'_>) -> Option<Self> {
+        match reader.number::<u8>()? {
+            0 => Some(Self::VisibleFaces),
+            1 => Some(Self::Components),
+            2 => Some(Self::JointPlanes),
+            3 => Some(Self::Leaves),
+            _ => None,
+        }
+    }
+}
+
+impl Stored for Deviation {
     fn write(&self, writer: &mut Writer) {
         let Self { mean, percentile_95, max } = *self;
         writer.number([mean, percentile_95, max]);
@@ -187,7 +210,7 @@ impl Object for Deviation {
     }
 }
 
-impl Object for Vec<Vec3> {
+impl Stored for Vec<Vec3> {
     fn write(&self, writer: &mut Writer) {
         writer.slice(self);
     }
@@ -197,7 +220,7 @@ impl Object for Vec<Vec3> {
     }
 }
 
-impl Object for Vec<Influences> {
+impl Stored for Vec<Influences> {
     fn write(&self, writer: &mut Writer) {
         writer.slice(&self.iter().map(|influences| influences.joints).collect::<Vec<_>>());
         writer.slice(&self.iter().map(|influences| influences.weights).collect::<Vec<_>>());
@@ -211,7 +234,7 @@ impl Object for Vec<Influences> {
     }
 }
 
-impl Object for Refined {
+impl Stored for Refined {
     fn write(&self, writer: &mut Writer) {
         let Self { psnr_initial, psnr_texture, psnr } = *self;
         writer.number([psnr_initial, psnr_texture, psnr]);
@@ -223,7 +246,7 @@ impl Object for Refined {
     }
 }
 
-impl Object for Atlas {
+impl Stored for Atlas {
     fn write(&self, writer: &mut Writer) {
         let Self { uvs, chart, charts, fill, stretch, worst_stretch, texels_per_unit } = self;
         writer.slice(uvs);
@@ -252,7 +275,8 @@ mod tests {
         let cards = Cards { group: vec![3], source_group: vec![1, 2], reach: vec![0.5] };
         let deviation = Deviation { mean: 0.1, percentile_95: 0.2, max: 0.3 };
         let (double_sided, render_error, self_intersecting, cards) = (true, 0.25, 1, Some(cards));
-        let shape = Shape { mesh, double_sided, candidate, render_error, deviation, self_intersecting, cards };
+        let shortfall = Shortfall::Leaves;
+        let shape = Shape { mesh, double_sided, candidate, render_error, deviation, self_intersecting, shortfall, cards };
         vec![shape.clone(), Shape { candidate: Candidate::Source, cards: None, ..shape }]
     }
 

@@ -1,10 +1,12 @@
-//! Keys of results and of what stages leave behind.
+//! Keys of results and of stored objects.
 
 use std::fmt;
 
 use blake3::hazmat::{self, ChainingValue, HasherExt, Mode};
+use serde::Serialize;
 
-use crate::{PIPELINE_VERSION, STAGES, StageId};
+use crate::pipeline::stage::Stage;
+use crate::{PIPELINE_VERSION, StageId};
 
 /// Separates these keys from every other use of the hash function. The number is that of this encoding.
 const CONTEXT: &str = "simpliguard_cache 2026-01 bake key 1";
@@ -78,20 +80,22 @@ impl fmt::Debug for Key {
 pub struct KeyBuilder(blake3::Hasher);
 
 impl KeyBuilder {
-    /// Starts with the version of the chain.
+    /// Starts with the version of the pipeline.
     pub fn new(version: &str) -> Self {
         let mut builder = Self(blake3::Hasher::new_derive_key(CONTEXT));
         builder.part(b'v', version.as_bytes());
         builder
     }
 
-    /// Starts with the versions of the chain and of one of its stages.
-    pub fn for_stage(id: StageId) -> Self {
-        let version = STAGES.iter().find(|stage| stage.id == id).map_or(0, |stage| stage.version);
-        Self::new(PIPELINE_VERSION).stage(&id.to_string(), version)
+    /// Starts with the versions of the pipeline and of some of its stages.
+    pub(crate) fn for_stages(ids: &[StageId]) -> Self {
+        let with_stage = |key: Self, id: &StageId| key.stage(&id.to_string(), Stage::of(*id).version);
+        ids.iter().fold(Self::new(PIPELINE_VERSION), with_stage)
     }
 
-    fn stage(mut self, name: &str, version: u32) -> Self {
+    /// Adds a stage and its version.
+    #[must_use]
+    pub(crate) fn stage(mut self, name: &str, version: u32) -> Self {
         self.part(b'g', &[&version.to_le_bytes(), name.as_bytes()].concat());
         self
     }
@@ -117,10 +121,14 @@ impl KeyBuilder {
         self
     }
 
-    /// Adds settings in their canonical form.
+    /// Adds the parameters of a stage: names and values of all fields. A field more, or another value, gives another key.
+    ///
+    /// # Panics
+    /// If the parameters are a map whose keys are no strings.
     #[must_use]
-    pub fn settings(mut self, canonical: &[u8]) -> Self {
-        self.part(b's', canonical);
+    pub fn params(mut self, params: &impl Serialize) -> Self {
+        let json = serde_json::to_vec(params).expect("parameters are structs of plain values");
+        self.part(b's', &json);
         self
     }
 
@@ -144,16 +152,16 @@ mod tests {
     fn every_part_counts() {
         let base = || KeyBuilder::new("1").input(b"a");
         let keys = [
-            KeyBuilder::new("2").input(b"a").settings(b"x").finish(),
-            base().settings(b"x").finish(),
-            base().settings(b"y").finish(),
-            base().missing_input().settings(b"x").finish(),
-            base().input(b"b").settings(b"x").finish(),
-            base().settings(b"x").input(b"b").finish(),
-            base().stage("shape", 1).settings(b"x").finish(),
-            base().stage("shape", 2).settings(b"x").finish(),
-            base().stage("unwrap", 1).settings(b"x").finish(),
-            base().key(&KeyBuilder::new("1").finish()).settings(b"x").finish(),
+            KeyBuilder::new("2").input(b"a").params(&"x").finish(),
+            base().params(&"x").finish(),
+            base().params(&"y").finish(),
+            base().missing_input().params(&"x").finish(),
+            base().input(b"b").params(&"x").finish(),
+            base().params(&"x").input(b"b").finish(),
+            base().stage("shape", 1).params(&"x").finish(),
+            base().stage("shape", 2).params(&"x").finish(),
+            base().stage("unwrap", 1).params(&"x").finish(),
+            base().key(&KeyBuilder::new("1").finish()).params(&"x").finish(),
         ];
         for (i, a) in keys.iter().enumerate() {
             assert!(keys[..i].iter().all(|b| a != b), "key {i} is not new");
@@ -171,7 +179,7 @@ mod tests {
 
     #[test]
     fn the_encoding_is_stable() {
-        let key = KeyBuilder::new("1").input(b"a").missing_input().settings(b"faces=[4]\n").finish();
+        let key = KeyBuilder::new("1").input(b"a").missing_input().params(&[4]).finish();
         assert_eq!(key.hex(), "1b390d6a4d9b1b9eff82ceb06fcfac63e46e097621605a9d5a43f3a1ca006edb");
         assert_eq!((Key::from_hex(&key.hex()), Key::from_hex("1b")), (Some(key), None));
         let stage = KeyBuilder::new("1").stage("shape", 1).key(&key).input(b"a").finish();

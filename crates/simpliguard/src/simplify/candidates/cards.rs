@@ -10,7 +10,10 @@ use crate::data::{Candidate, Cards, NO_CARD, TriMesh, bounds};
 use crate::geometry::DisjointSets;
 use crate::simplify::budgets::simplify_to_budgets;
 use crate::simplify::input::{DIRECTIONS, SimplifyInput};
-use crate::simplify::{Inputs, Params, Shape, visibility, weld};
+use crate::simplify::inputs::Inputs;
+use crate::simplify::params::{CollapseParams, SimplifyParams};
+use crate::simplify::shape::{Shape, Shortfall};
+use crate::simplify::{visibility, weld};
 
 /// Largest extent of a leaf, as a part of the frame's radius.
 const LEAF_SIZE: f32 = 0.25;
@@ -36,7 +39,7 @@ struct Foliage {
 }
 
 /// One shape per budget if the source is foliage, else `None`.
-pub(crate) fn shapes(inputs: &Inputs<'_>, params: &Params) -> Option<Vec<Shape>> {
+pub(crate) fn shapes(inputs: &Inputs<'_>, params: &SimplifyParams) -> Option<Vec<Shape>> {
     let foliage = Foliage::find(inputs)?;
     let shape = |&budget: &u32| {
         let mut shape = foliage.shape(inputs, params, budget);
@@ -63,11 +66,11 @@ impl Foliage {
         if parts.len() < LEAVES {
             return None;
         }
-        let leaves: Vec<Vec<u32>> = parts.into_iter().filter(|p| is_leaf(&mesh, p, inputs.frame.radius)).collect();
+        let leaves: Vec<Vec<u32>> = parts.into_iter().filter(|p| is_leaf(&mesh, p, inputs.sphere.radius)).collect();
         if leaves.len() < LEAVES {
             return None;
         }
-        let pixels = visibility::visible_pixels(&mesh, &inputs.frame, DIRECTIONS, &|_| true, inputs.cancellation);
+        let pixels = visibility::visible_pixels(&mesh, &inputs.sphere, DIRECTIONS, &|_| true, inputs.cancellation);
         let mut leaf = vec![false; mesh.triangles.len()];
         leaves.iter().flatten().for_each(|&t| leaf[t as usize] = true);
         let count =
@@ -77,7 +80,7 @@ impl Foliage {
         (seen >= LEAF_PIXELS * (seen + rest)).then_some(Self { mesh, source, leaves, is_leaf: leaf, pixels })
     }
 
-    fn shape(&self, inputs: &Inputs<'_>, params: &Params, budget: u32) -> Shape {
+    fn shape(&self, inputs: &Inputs<'_>, params: &SimplifyParams, budget: u32) -> Shape {
         let mut mesh = self.trunk(inputs, params, (f64::from(budget) * TRUNK) as u32);
         let mut cards = Cards {
             group: vec![NO_CARD; mesh.triangles.len()],
@@ -94,18 +97,19 @@ impl Foliage {
             cards.reach.push(add_card(&mut mesh, &self.points(&triangles)));
             cards.group.extend([group as u32; 2]);
         }
-        Shape::unjudged(mesh, true, Candidate::Cards, Some(cards))
+        Shape { cards: Some(cards), ..Shape::unscored(mesh, true, Candidate::Cards, Shortfall::Leaves) }
     }
 
     /// What is no leaf, collapsed to `budget` faces.
-    fn trunk(&self, inputs: &Inputs<'_>, params: &Params, budget: u32) -> TriMesh {
+    fn trunk(&self, inputs: &Inputs<'_>, params: &SimplifyParams, budget: u32) -> TriMesh {
         let kept = weld::cut(&self.mesh.filtered(|t| !self.is_leaf[t]));
         if kept.triangles.is_empty() {
             return TriMesh::default();
         }
         let pixels: Vec<u32> =
             self.pixels.iter().zip(&self.is_leaf).filter(|(_, leaf)| !**leaf).map(|(&n, _)| n).collect();
-        let params = Params { budgets: vec![budget], remove_invisible: false, ..params.clone() };
+        let collapse = CollapseParams { remove_invisible: false, ..params.collapse };
+        let params = SimplifyParams { budgets: vec![budget], collapse, ..params.clone() };
         let shapes = simplify_to_budgets(
             inputs,
             &params,

@@ -9,11 +9,10 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use rayon::prelude::*;
 
-use crate::animation::Poses;
+use crate::animation::{Poses, influences_at};
 use crate::data::{Reconstruction, TriMesh};
 use crate::geometry::{Bvh, DisjointSets, Hit};
-use crate::reconstruct::reconstruct;
-use crate::simplify::Inputs;
+use crate::simplify::inputs::Inputs;
 
 /// Motion that takes two touching points apart, in cells.
 const APART: f32 = 1.0;
@@ -25,15 +24,15 @@ pub(crate) fn wrap(inputs: &Inputs<'_>, params: &Reconstruction) -> TriMesh {
     let opaque = inputs.opaque;
     let layers = inputs.poses.map_or_else(Vec::new, |poses| layers(inputs, poses, params));
     if layers.len() < 2 {
-        return reconstruct(&opaque.mesh.positions, &opaque.mesh.triangles, &opaque.bvh, params, inputs.cancellation);
+        return inputs.tools.reconstruct(&opaque.mesh, &opaque.bvh, params);
     }
     let wrapped: Vec<TriMesh> = layers
         .par_iter()
         .map(|layer| {
-            let part = opaque.mesh.filtered(|t| layer.contains(&inputs.skin_source.part(opaque.source[t])));
+            let part = opaque.mesh.filtered(|t| layer.contains(&inputs.part(opaque.source[t])));
             let bvh = Bvh::new(&part.positions, &part.triangles);
             let params = Reconstruction { resolution: params.resolution_for(&opaque.mesh, &part), ..*params };
-            reconstruct(&part.positions, &part.triangles, &bvh, &params, inputs.cancellation)
+            inputs.tools.reconstruct(&part, &bvh, &params)
         })
         .collect();
     wrapped.into_iter().reduce(append).unwrap_or_default()
@@ -48,7 +47,7 @@ fn append(mut all: TriMesh, next: TriMesh) -> TriMesh {
 
 /// The parts of each layer.
 fn layers(inputs: &Inputs<'_>, poses: &Poses<'_>, params: &Reconstruction) -> Vec<BTreeSet<u32>> {
-    let parts: BTreeSet<u32> = inputs.opaque.source.iter().map(|&t| inputs.skin_source.part(t)).collect();
+    let parts: BTreeSet<u32> = inputs.opaque.source.iter().map(|&t| inputs.part(t)).collect();
     let contacts = contacts(inputs, poses, params);
     let mut alike = DisjointSets::new(parts.last().map_or(0, |&last| last as usize + 1));
     let is_conflict = |contact: &Contact| contact.apart as f64 > MOST * contact.vertices as f64;
@@ -90,14 +89,14 @@ struct Contact {
 
 /// Pairs of parts, the lower first, that a reconstruction would grow into one.
 fn contacts(inputs: &Inputs<'_>, poses: &Poses<'_>, params: &Reconstruction) -> BTreeMap<(u32, u32), Contact> {
-    let (mesh, skin_source) = (&inputs.opaque.mesh, inputs.skin_source);
+    let mesh = &inputs.opaque.mesh;
     let mut part_of = vec![u32::MAX; mesh.positions.len()];
     for (triangle, &t) in mesh.triangles.iter().zip(&inputs.opaque.source) {
-        triangle.iter().for_each(|&v| part_of[v as usize] = skin_source.part(t));
+        triangle.iter().for_each(|&v| part_of[v as usize] = inputs.part(t));
     }
     let cell = params.cell(mesh);
     let near = |(v, &part): (usize, &u32)| -> Option<(u32, u32, Hit)> {
-        let other = |t: u32| skin_source.part(inputs.opaque.source[t as usize]) != part;
+        let other = |t: u32| inputs.part(inputs.opaque.source[t as usize]) != part;
         let hit = inputs.opaque.bvh.closest_where(mesh.positions[v], 2.0 * params.offset * cell, other)?;
         Some((v as u32, part, hit))
     };
@@ -107,7 +106,7 @@ fn contacts(inputs: &Inputs<'_>, poses: &Poses<'_>, params: &Reconstruction) -> 
     let own = poses.motions(&touching.iter().map(|(v, ..)| surface.influences[*v as usize]).collect::<Vec<_>>());
     let others: Vec<_> = touching
         .iter()
-        .map(|(.., hit)| skin_source.influences_at(inputs.opaque.source[hit.triangle as usize], hit.point))
+        .map(|(.., hit)| influences_at(surface, inputs.opaque.source[hit.triangle as usize] as usize, hit.point))
         .collect();
     let others = poses.motions(&others);
     let mut out: BTreeMap<(u32, u32), Contact> = BTreeMap::new();
@@ -117,7 +116,7 @@ fn contacts(inputs: &Inputs<'_>, poses: &Poses<'_>, params: &Reconstruction) -> 
             let (a, b) = (own.of(Some(pose))?[i], others.of(Some(pose))?[i]);
             Some(a.transform_point3(p).distance(b.transform_point3(p)))
         });
-        let other = skin_source.part(inputs.opaque.source[hit.triangle as usize]);
+        let other = inputs.part(inputs.opaque.source[hit.triangle as usize]);
         let contact = out.entry((*part.min(&other), *part.max(&other))).or_default();
         contact.vertices += 1;
         contact.apart += usize::from(parting.fold(0.0, f32::max) > APART * cell);
@@ -134,8 +133,28 @@ mod tests {
     use crate::data::{Bone, Influences, Material, Model, Pose, Rig, Surface};
     use crate::geometry::{BoundingSphere, Topology};
     use crate::render::SurfaceSampler;
-    use crate::simplify::{DeviationMetric, OpaqueSurface};
-    use crate::skinning::SkinSource;
+    use crate::simplify::{DeviationMetric, OpaqueSurface, Tools};
+
+    struct ReconstructAlone;
+
+    impl Tools for ReconstructAlone {
+        fn reconstruct(&self, mesh: &TriMesh, bvh: &Bvh, params: &Reconstruction) -> TriMesh {
+            let cancellation = Cancellation::default();
+            crate::reconstruct::reconstruct(&mesh.positions, &mesh.triangles, bvh, params, &cancellation)
+        }
+
+        fn influences(&self, _: &TriMesh) -> Vec<Influences> {
+            Vec::new()
+        }
+
+        fn has_joint_planes(&self) -> bool {
+            false
+        }
+
+        fn split_at_joints(&self, mesh: &TriMesh, _: usize) -> TriMesh {
+            mesh.clone()
+        }
+    }
 
     /// Two unit cubes, one on the other with a gap of a thousandth, a bone each; a clip lifts the upper one by `lift`.
     fn stacked(lift: f32) -> Model {
@@ -165,13 +184,14 @@ mod tests {
         let inputs = Inputs {
             model,
             bvh: &bvh,
-            skin_source: &SkinSource::new(model, &bvh),
+            parts: &crate::skinning::SkinSource::new(model, &bvh).parts().to_vec(),
             opaque: &opaque,
             deviation_metric: &DeviationMetric::new(&opaque),
-            frame: BoundingSphere::around(&model.surface.positions),
+            sphere: BoundingSphere::around(&model.surface.positions),
             views: &[],
             poses: poses.as_ref(),
             importance: None,
+            tools: &ReconstructAlone,
             cancellation: &Cancellation::default(),
         };
         let topology = Topology::of(&wrap(&inputs, &Reconstruction::new(64)));

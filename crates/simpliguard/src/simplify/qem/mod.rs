@@ -159,6 +159,11 @@ impl Simplifier {
         self.live_faces
     }
 
+    /// Number of faces as it stands.
+    pub(super) fn faces(&self) -> usize {
+        self.live_faces
+    }
+
     fn has_to_go_on(&self, target: usize) -> bool {
         self.live_faces > target && !self.cancellation.is_cancelled()
     }

@@ -1,0 +1,75 @@
+//! The texture of a level at one size.
+
+use glam::Vec4;
+use rayon::prelude::*;
+
+use super::params::TextureParams;
+use super::source::PreparedSource;
+use crate::Cancellation;
+use crate::data::{Atlas, Cards, TriMesh, linear_to_srgb};
+use crate::refine::{TexelGrid, TextureFit};
+use crate::render::{SurfaceSample, fill_unknown};
+use crate::settings::InitialTexture;
+use crate::texture::{BakeTarget, Baker, TexelMap};
+
+/// Encoded grey of a texture that is not made.
+const GREY: Vec4 = Vec4::new(0.5, 0.5, 0.5, 1.0);
+/// Half a step of eight bits.
+const HALF_STEP: f32 = 0.5 / 255.0;
+
+/// The place of a level in a texture.
+pub(super) struct LevelTexture<'a> {
+    source: &'a PreparedSource<'a>,
+    atlas: &'a Atlas,
+    params: TextureParams,
+    pub(super) texels: TexelMap,
+}
+
+impl<'a> LevelTexture<'a> {
+    pub(super) fn new(source: &'a PreparedSource<'a>, atlas: &'a Atlas, params: TextureParams, size: usize) -> Self {
+        Self { source, atlas, params, texels: TexelMap::new(atlas, size) }
+    }
+
+    /// Samples of the source at each texel.
+    pub(super) fn bake(
+        &self,
+        mesh: &TriMesh,
+        cards: Option<&Cards>,
+        cancellation: &Cancellation,
+    ) -> Vec<Option<SurfaceSample>> {
+        let index = self.source.index;
+        let baker = Baker { sampler: &index.sampler, bvh: &index.bvh, bounding_sphere: index.sphere };
+        baker.bake(&BakeTarget { mesh, atlas: self.atlas, texels: &self.texels, cards }, cancellation)
+    }
+
+    /// Encoded colours with their gutters. With `alpha` the clear texels of a cut-out take the colour of their neighbours,
+    /// which filtering mixes in.
+    pub(super) fn initial(&self, samples: &[Option<SurfaceSample>], alpha: bool) -> TexelGrid {
+        let size = self.texels.size;
+        let covered: Vec<bool> = samples.iter().map(Option::is_some).collect();
+        if self.params.initial == InitialTexture::Grey && !alpha {
+            return TexelGrid { size, texels: vec![GREY; samples.len()], covered };
+        }
+        let encoded = |s: &SurfaceSample| s.color.truncate().map(linear_to_srgb).extend(1.0);
+        let mut texels: Vec<Vec4> =
+            samples.par_iter().with_min_len(4096).map(|s| s.as_ref().map_or(Vec4::ZERO, encoded)).collect();
+        let known = |s: &Option<SurfaceSample>| s.as_ref().is_some_and(|s| !alpha || s.color.w >= 0.5);
+        let known: Vec<bool> = samples.iter().map(known).collect();
+        fill_unknown(&mut texels, &known, size);
+        TexelGrid { size, texels, covered }
+    }
+
+    /// How the texture is fitted. Not at all if the baked one has a single colour.
+    pub(super) fn fit(&self, samples: &[Option<SurfaceSample>], trust: Option<f32>) -> Option<TextureFit> {
+        let TextureParams { initial, smoothness, solver } = self.params;
+        let is_done = initial == InitialTexture::Baked && is_uniform(samples);
+        (!is_done).then_some(TextureFit { smoothness, trust, solver })
+    }
+}
+
+/// Every texel has the same base colour, to half a step of eight bits.
+fn is_uniform(samples: &[Option<SurfaceSample>]) -> bool {
+    let mut colors = samples.iter().flatten().map(|s| s.color);
+    let first = colors.next().unwrap_or_default();
+    colors.all(|c| (c - first).abs().max_element() < HALF_STEP)
+}

@@ -1,0 +1,28 @@
+//! Levels that are shown while better ones are made.
+
+use super::level::Levels;
+use super::params::Params;
+use super::runner::Runner;
+use super::shapes::{Shapes, is_refined};
+use super::source::PreparedSource;
+use super::views::Views;
+use super::export;
+use crate::Error;
+
+/// Shows levels with their initial texture, where their shapes are early and the result will be refined. Their vertices
+/// are those of an earlier bake with other views, if the store holds them.
+pub(super) fn show(
+    source: &PreparedSource<'_>,
+    views: &Views<'_>,
+    params: &Params,
+    shapes: &Shapes,
+    run: &Runner<'_>,
+) -> Result<(), Error> {
+    let is_refined = |(budget, _): &(u32, _)| is_refined(shapes.key, params, *budget, run);
+    let is_wanted = shapes.are_early && params.refine.moves_vertices() && !shapes.levels.iter().all(is_refined);
+    let Some(sink) = run.context().preview.filter(|_| is_wanted) else { return Ok(()) };
+    let (quick, silent) = (params.unrefined(), run.silent());
+    let (levels, _) = Levels { source, views, params: &quick, shapes, warm_start: true, run: &silent }.make()?;
+    sink.show(export::export(source.index.model, &levels, params, &silent)?);
+    Ok(())
+}

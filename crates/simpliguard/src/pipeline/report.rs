@@ -1,0 +1,125 @@
+//! The report of a bake.
+
+use serde::{Deserialize, Serialize};
+
+use crate::data::{Deviation, Model, TriMesh};
+use crate::geometry::{Topology, self_intersecting};
+use crate::refine::Refined;
+
+/// The outcome for a file.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Status {
+    /// It has levels now.
+    Baked,
+    /// Every budget is at least the source's own face count: it passes through.
+    SmallEnough,
+    /// It holds no triangles, or its settings switch baking off: it passes through.
+    PassThrough,
+    /// It came with levels of its own, which are kept.
+    KeptLods,
+}
+
+/// The report of one file.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Report {
+    /// The outcome.
+    pub status: Status,
+    /// Triangles of the source's default scene.
+    pub source_faces: u64,
+    /// One entry per level, budgets ascending.
+    pub levels: Vec<LevelReport>,
+    /// Things that were left out or need attention, in words.
+    pub notes: Vec<String>,
+    /// Seconds per stage, summed over levels that ran beside each other.
+    pub seconds: StageSeconds,
+}
+
+impl Report {
+    /// The report of a file that has levels now. `morphs` tells whether morph targets are transferred.
+    pub(super) fn baked(
+        model: &Model,
+        levels: Vec<LevelReport>,
+        unmet: Vec<String>,
+        morphs: bool,
+        seconds: StageSeconds,
+    ) -> Self {
+        let source_faces = model.surface.triangles.len() as u64;
+        let notes = model.notes.iter().cloned().chain(dropped_morphs(model, morphs)).chain(unmet).collect();
+        Self { status: Status::Baked, source_faces, levels, notes, seconds }
+    }
+
+    /// The report of a file that passes through.
+    pub(super) fn passed_through(status: Status, model: Option<&Model>, seconds: StageSeconds) -> Self {
+        let source_faces = model.map_or(0, |model| model.surface.triangles.len() as u64);
+        let notes = model.map(|model| model.notes.clone()).unwrap_or_default();
+        Self { status, source_faces, levels: Vec::new(), notes, seconds }
+    }
+}
+
+/// A note on morph targets that levels leave out.
+fn dropped_morphs(model: &Model, transferred: bool) -> Option<String> {
+    let morphs = model.surface.morphs.as_ref().filter(|_| !transferred)?;
+    let count = morphs.targets.len();
+    Some(format!("{count} morph targets stay at their default weights in the levels: `morph_targets` is Drop"))
+}
+
+/// Seconds by stage name, in the order of the stages.
+pub type StageSeconds = Vec<(String, f64)>;
+
+/// The report of one level.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct LevelReport {
+    /// Counted from 1, the smallest.
+    pub level: u32,
+    /// Most faces allowed.
+    pub budget: u32,
+    /// Faces reached.
+    pub faces: u32,
+    /// The reason for fewer faces than 98 % of the budget.
+    pub stopped: Option<String>,
+    /// The candidate that won.
+    pub candidate: String,
+    /// Distance to the source that 95 % of both surfaces stay within, as a fraction of the bounding box's diagonal.
+    pub error: f32,
+    /// Distances in full.
+    pub deviation: Deviation,
+    /// Topology of its surface.
+    pub topology: LevelTopology,
+    /// Charts of the atlas.
+    pub charts: u32,
+    /// Fraction of the atlas that charts cover.
+    pub fill: f32,
+    /// L2 stretch of the atlas (Sander et al. 2001) relative to each chart's mean texel density: 1 if lengths are kept.
+    pub stretch: f32,
+    /// L-infinity stretch: the largest length of a texel on the surface, relative to the mean density of its chart.
+    pub worst_stretch: f32,
+    /// Gain of the refinement, in dB over held-out views; `None` for a cut-out, which is not refined.
+    pub refined: Option<Refined>,
+}
+
+/// Topology of a level's surface, before vertices are split along charts. All levels are manifolds.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct LevelTopology {
+    /// Edge-connected components.
+    pub components: u32,
+    /// Vertices less edges plus faces: two for each closed component, less two for each handle and one for each hole.
+    pub euler_characteristic: i64,
+    /// Edges of one face: the boundary of sheets, and of holes where nothing sees them.
+    pub boundary_edges: u32,
+    /// Self-intersecting faces.
+    pub self_intersecting: u32,
+}
+
+impl LevelTopology {
+    /// Measures a level.
+    pub fn of(mesh: &TriMesh) -> Self {
+        let topology = Topology::of(mesh);
+        Self {
+            components: topology.components as u32,
+            euler_characteristic: topology.euler_characteristic,
+            boundary_edges: topology.edges.boundary as u32,
+            self_intersecting: self_intersecting(mesh).into_iter().filter(|face| *face).count() as u32,
+        }
+    }
+}

@@ -1,0 +1,129 @@
+//! Runs stages. Owns what every stage needs: cancellation, progress, seconds and the stage store.
+
+use std::sync::Arc;
+
+use super::clock::Clock;
+use super::context::Context;
+use super::meter::Meter;
+use super::report::StageSeconds;
+use super::store::{Stored, decode, encode};
+use crate::{Cancellation, Error, Key, StageId};
+
+/// The runner of one bake, or of one of its levels.
+#[derive(Clone)]
+pub(crate) struct Runner<'a> {
+    asset: &'a str,
+    context: &'a Context<'a>,
+    clock: Arc<Clock>,
+    /// `None` if nobody listens.
+    meter: Option<Arc<Meter<'a>>>,
+    /// Number of the level, counted from 1.
+    level: Option<usize>,
+}
+
+impl<'a> Runner<'a> {
+    pub(crate) fn new(asset: &'a str, context: &'a Context<'a>) -> Self {
+        let meter = context.progress.map(|sink| Arc::new(Meter::new(sink)));
+        Self { asset, context, clock: Arc::default(), meter, level: None }
+    }
+
+    /// The runner of a level; levels count from 1.
+    pub(crate) fn level(&self, number: usize) -> Self {
+        Self { level: Some(number), ..self.clone() }
+    }
+
+    /// A runner that reports no progress.
+    pub(crate) fn silent(&self) -> Self {
+        Self { meter: None, ..self.clone() }
+    }
+
+    /// Announces the number of levels.
+    pub(crate) fn expect_levels(&self, count: usize) {
+        self.meter.iter().for_each(|meter| meter.expect_levels(count));
+    }
+
+    /// Reports that everything is done.
+    pub(crate) fn finish(&self) {
+        self.meter.iter().for_each(|meter| meter.finish());
+    }
+
+    pub(crate) fn context(&self) -> &'a Context<'a> {
+        self.context
+    }
+
+    pub(crate) fn cancellation(&self) -> &'a Cancellation {
+        &self.context.cancellation
+    }
+
+    /// Seconds of the stages that have run.
+    pub(crate) fn seconds(&self) -> StageSeconds {
+        self.clock.seconds()
+    }
+
+    /// `Err` once the bake is cancelled.
+    pub(crate) fn check(&self) -> Result<(), Error> {
+        self.context.check(self.asset)
+    }
+
+    /// Runs a stage. Work that holds the cancellation may end early; its unfinished result is discarded here.
+    pub(crate) fn run<T>(&self, stage: StageId, work: impl FnOnce() -> T) -> Result<T, Error> {
+        self.check()?;
+        self.meter.iter().for_each(|meter| meter.begin(stage, self.level));
+        let out = self.time(stage, work);
+        self.check()?;
+        Ok(out)
+    }
+
+    /// Runs a stage, unless the store holds its result under `key`. A new result is stored.
+    pub(crate) fn stored<T: Stored>(
+        &self,
+        stage: StageId,
+        key: Option<Key>,
+        work: impl FnOnce() -> Result<T, Error>,
+    ) -> Result<T, Error> {
+        self.run(stage, || self.get_or_put(key, work))?
+    }
+
+    /// The object of `key`, or else the result of `work`, which is stored.
+    pub(crate) fn get_or_put<T: Stored>(
+        &self,
+        key: Option<Key>,
+        work: impl FnOnce() -> Result<T, Error>,
+    ) -> Result<T, Error> {
+        let Some(key) = key else { return work() };
+        if let Some(object) = self.get(&key) {
+            return Ok(object);
+        }
+        let made = work()?;
+        self.put(&key, &made);
+        Ok(made)
+    }
+
+    /// Adds the time of `work` to a stage.
+    pub(crate) fn time<T>(&self, stage: StageId, work: impl FnOnce() -> T) -> T {
+        self.clock.time(stage, work)
+    }
+
+    /// The key of an object, if there is a store.
+    pub(crate) fn key(&self, key: impl FnOnce() -> Key) -> Option<Key> {
+        self.context.stages.map(|_| key())
+    }
+
+    /// The store holds an object under `key`.
+    pub(crate) fn knows(&self, key: Option<Key>) -> bool {
+        let object = self.context.stages.zip(key).and_then(|(stages, key)| stages.get(&key));
+        object.is_some()
+    }
+
+    /// The object of a key, if it is stored.
+    pub(crate) fn get<T: Stored>(&self, key: &Key) -> Option<T> {
+        self.context.stages?.get(key).and_then(|bytes| decode(&bytes))
+    }
+
+    /// Stores an object. A cancelled bake may have made less than everything and stores nothing.
+    pub(crate) fn put<T: Stored>(&self, key: &Key, object: &T) {
+        if let Some(stages) = self.context.stages.filter(|_| !self.cancellation().is_cancelled()) {
+            stages.put(key, &encode(object));
+        }
+    }
+}

@@ -1,0 +1,105 @@
+//! The shapes of the levels: reconstruct and simplify. The pipeline hands the other stages to `simplify`, and keeps the
+//! shapes of each candidate in the store.
+
+use super::params::{LevelParams, Params};
+use super::runner::Runner;
+use super::source::{PreparedSource, StageTools};
+use super::store::{candidate_key, form_key, shapes_key, vertices_key};
+use super::targets::Targets;
+use super::views::Views;
+use crate::data::Candidate;
+use crate::render::View;
+use crate::simplify::{self, Inputs, Shape, SimplifyParams};
+use crate::{Error, Key, StageId};
+
+/// The shapes of the levels.
+pub(super) struct Shapes {
+    /// Budget and shape of each level, budgets ascending.
+    pub(super) levels: Vec<(u32, Shape)>,
+    /// Notes on targets that no shape meets.
+    pub(super) unmet: Vec<String>,
+    /// Key of the shapes, if stages are stored.
+    pub(super) key: Option<Key>,
+    /// The store held the shapes of the first candidate: the shapes are there long before the result.
+    pub(super) are_early: bool,
+    /// The vertices of some level are to be moved at half resolution.
+    pub(super) need_half_resolution: bool,
+}
+
+/// Finds a shape for each of the targets. `content` is the key of the source's files, if stages are stored. The views of
+/// half resolution are rendered beside, unless the shapes are early: a preview should not wait for them.
+pub(super) fn find(
+    source: &PreparedSource<'_>,
+    views: &mut Views<'_>,
+    params: &Params,
+    (targets, content): (&Targets, Option<Key>),
+    run: &Runner<'_>,
+) -> Result<Shapes, Error> {
+    let Params { candidates, collapse, .. } = *params;
+    let simplify = SimplifyParams { budgets: targets.budgets(), candidates, collapse };
+    let key = content.map(|content| shapes_key(&content, &simplify, params));
+    let form = run.key(|| form_key(source));
+    let finder = ShapeFinder { source, views: &views.full, params: &simplify, run, form };
+    let are_early = run.context().preview.is_some() && finder.knows_first();
+    let need_half_resolution = params.refine.has_half_resolution_steps()
+        && simplify.budgets.iter().any(|&n| LevelParams::is_half_resolution(n) && !is_refined(key, params, n, run));
+    // The shapes leave threads idle.
+    let (shapes, half_resolution) = rayon::join(
+        || run.stored(StageId::Simplify, key, || finder.find()),
+        || (need_half_resolution && !are_early).then(|| views.render_half_resolution(params, run)),
+    );
+    let shapes = shapes?;
+    views.half_resolution = half_resolution;
+    let (chosen, unmet) = targets.choose(&simplify.budgets, &shapes.iter().map(|s| s.deviation).collect::<Vec<_>>());
+    let levels = chosen.iter().map(|&i| (simplify.budgets[i], shapes[i].clone())).collect();
+    Ok(Shapes { levels, unmet, key, are_early, need_half_resolution })
+}
+
+/// The store holds the refined vertices of the level of a budget.
+pub(super) fn is_refined(shapes: Option<Key>, params: &Params, budget: u32, run: &Runner<'_>) -> bool {
+    run.knows(shapes.map(|shapes| vertices_key(&shapes, &params.level(budget, false), budget)))
+}
+
+struct ShapeFinder<'a> {
+    source: &'a PreparedSource<'a>,
+    views: &'a [View],
+    params: &'a SimplifyParams,
+    run: &'a Runner<'a>,
+    /// Key of everything that a candidate reads, if stages are stored.
+    form: Option<Key>,
+}
+
+impl ShapeFinder<'_> {
+    /// The store holds the shapes of the first candidate.
+    fn knows_first(&self) -> bool {
+        let first = self.params.candidates.first().next();
+        self.run.knows(first.and_then(|candidate| self.candidate_key(candidate)))
+    }
+
+    /// The best shape for each budget.
+    fn find(&self) -> Result<Vec<Shape>, Error> {
+        let Self { source, views, params, run, .. } = *self;
+        let index = source.index;
+        let inputs = Inputs {
+            model: index.model,
+            bvh: &index.bvh,
+            parts: source.skin_source.parts(),
+            opaque: &index.opaque,
+            deviation_metric: &source.deviation_metric,
+            sphere: index.sphere,
+            views,
+            poses: index.poses.as_ref(),
+            importance: source.importance.as_ref(),
+            tools: &StageTools { source, run },
+            cancellation: run.cancellation(),
+        };
+        let generate = |candidate| {
+            run.get_or_put(self.candidate_key(candidate), || Ok(simplify::generate(&inputs, params, candidate)))
+        };
+        simplify::simplify(&inputs, params, &generate)
+    }
+
+    fn candidate_key(&self, candidate: Candidate) -> Option<Key> {
+        self.form.map(|form| candidate_key(&form, self.params, candidate))
+    }
+}
