@@ -1,6 +1,6 @@
 //! A shared tier in object storage: Amazon S3 and what speaks its protocol, Google Cloud Storage, Azure Blob Storage.
 //!
-//! The layout is that of a cache's folder. Credentials come from the environment, as each provider's own tools read
+//! The layout is that of a cache's folder, without a marker: nothing is ever removed there. Credentials come from the environment, as each provider's own tools read
 //! them.
 
 use object_store::path::Path;
@@ -10,6 +10,7 @@ use tokio::runtime::{Builder, Runtime};
 use url::Url;
 
 use crate::Entry;
+use crate::folder::NAME;
 use crate::record::{ObjectRecord, Record};
 use crate::shared::Tier;
 
@@ -27,7 +28,7 @@ impl Cloud {
         let environment = std::env::vars().map(|(name, value)| (name.to_lowercase(), value));
         let (store, prefix) = parse_url_opts(&url, environment).map_err(|e| e.to_string())?;
         let runtime = Builder::new_current_thread().enable_all().build().map_err(|e| e.to_string())?;
-        Ok(Self { store, prefix, runtime })
+        Ok(Self { store, prefix: prefix.join(NAME), runtime })
     }
 
     fn path(&self, folder: &str, hex: &str) -> Path {

@@ -10,11 +10,17 @@ use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use serde::{Deserialize, Serialize};
 
+use crate::folder::State;
 use crate::inventory::{Inventory, StoredFile, StoredResult};
-use crate::{Cache, Durability, StorageError, write_atomic};
+use crate::{Cache, Durability, StorageError};
 
 /// The limit of a cache that is given none, in bytes.
 pub const DEFAULT_MAX_SIZE: u64 = 10 << 30;
+
+/// Locked by who collects.
+const LOCK: &str = "collecting";
+/// How large everything is, about, as JSON.
+const ESTIMATE: &str = "estimate.json";
 
 /// Nothing that a writer may be about to use is this old.
 const GRACE: Duration = Duration::from_secs(600);
@@ -51,10 +57,12 @@ impl Cache {
     /// `None` if another collection is under way.
     ///
     /// # Errors
-    /// If nothing can be written there.
+    /// If nothing can be written there, or the folder is not the cache's own.
     pub fn collect(&self, max_size: u64) -> Result<Option<Collected>, StorageError> {
-        let path = self.root().join("collecting");
-        let lock = File::create(&path).map_err(|source| StorageError::Io { action: "write", path, source })?;
+        if matches!(self.own().state(), Ok(State::Missing)) {
+            return Ok(Some(Collected::default()));
+        }
+        let lock = self.own().write(&self.folder().join(LOCK), |path| File::create(path))?;
         if let Err(fs::TryLockError::WouldBlock) = lock.try_lock() {
             return Ok(None);
         }
@@ -68,23 +76,26 @@ impl Cache {
         Ok(Some(done))
     }
 
-    /// Removes everything that the cache has ever put into its folder, and returns its bytes.
+    /// Removes every file that the cache has put into its folder and every folder that is empty then, and returns the
+    /// bytes of the files.
     ///
     /// # Errors
-    /// The first file that cannot be removed; the others are gone.
+    /// If the folder is not the cache's own; else the first file that cannot be removed, while the others are gone.
     pub fn clear(&self) -> Result<u64, StorageError> {
-        let bytes = self.usage().bytes;
-        let mut result = Ok(bytes);
-        for name in ["results", "objects", "stages", "quarantine", "locks", "collecting", "estimate.json"] {
-            let path = self.root().join(name);
-            let removed = if path.is_dir() { fs::remove_dir_all(&path) } else { fs::remove_file(&path) };
-            match removed {
+        self.check()?;
+        let inventory = Inventory::of(self);
+        let mut result = Ok(inventory.size());
+        let single = [LOCK, ESTIMATE].map(|name| self.folder().join(name)).into_iter();
+        let single = single.filter(|path| self.own().has_file(path).unwrap_or(false));
+        for path in inventory.into_paths().chain(single) {
+            match fs::remove_file(&path) {
                 Err(source) if source.kind() != std::io::ErrorKind::NotFound => {
                     result = result.and(Err(StorageError::Io { action: "remove", path, source }));
                 }
                 _ => {}
             }
         }
+        self.own().remove_empty();
         result
     }
 
@@ -93,7 +104,7 @@ impl Cache {
         if self.max_size() == u64::MAX {
             return;
         }
-        let estimate = self.estimate().map(|known| Estimate { bytes: known.bytes + bytes, ..known });
+        let estimate = self.estimate().map(|known| Estimate { bytes: known.bytes.saturating_add(bytes), ..known });
         match estimate.filter(|estimate| estimate.bytes <= self.max_size()) {
             Some(estimate) => self.set_estimate(&estimate),
             // What cannot be removed stays; the next one tries again.
@@ -102,7 +113,9 @@ impl Cache {
     }
 
     fn estimate(&self) -> Option<Estimate> {
-        let estimate: Estimate = serde_json::from_slice(&fs::read(self.root().join("estimate.json")).ok()?).ok()?;
+        let json = self.read_file(&self.folder().join(ESTIMATE)).ok()??;
+        let estimate: Estimate = serde_json::from_slice(&json).ok()?;
+        // One from the future has no age, so everything is counted.
         let age = seconds_since_1970().checked_sub(estimate.counted)?;
         (age < ESTIMATE_VALID.as_secs()).then_some(estimate)
     }
@@ -110,7 +123,7 @@ impl Cache {
     /// Two processes at once may lose what one has stored, until everything is counted again.
     fn set_estimate(&self, estimate: &Estimate) {
         if let Ok(json) = serde_json::to_vec(estimate) {
-            let _ = write_atomic(&self.root().join("estimate.json"), &json, Durability::Process);
+            let _ = self.write(&self.folder().join(ESTIMATE), &json, Durability::Process);
         }
     }
 }

@@ -1,8 +1,12 @@
 //! Writing a file so that nobody ever sees half of it.
 
+use std::ffi::OsStr;
 use std::fs;
 use std::io::{self, Write};
 use std::path::Path;
+
+/// How the names of temporary files begin and end.
+const TEMPORARY: [&str; 2] = [".simpliguard-", ".tmp"];
 
 /// What a file must outlive.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -24,8 +28,13 @@ pub fn write_atomic(path: &Path, bytes: &[u8], durability: Durability) -> io::Re
 pub fn write_atomic_through(scratch: &Path, path: &Path, bytes: &[u8], durability: Durability) -> io::Result<()> {
     fs::create_dir_all(folder_of(path))?;
     fs::create_dir_all(scratch)?;
+    replace(scratch, path, bytes, durability)
+}
+
+/// As [`write_atomic_through`], but makes no folder.
+pub(crate) fn replace(scratch: &Path, path: &Path, bytes: &[u8], durability: Durability) -> io::Result<()> {
     let mut builder = tempfile::Builder::new();
-    builder.prefix(".simpliguard-").suffix(".tmp");
+    builder.prefix(TEMPORARY[0]).suffix(TEMPORARY[1]);
     #[cfg(unix)]
     {
         // As any new file, by the user's umask; temporary files are private otherwise.
@@ -40,7 +49,13 @@ pub fn write_atomic_through(scratch: &Path, path: &Path, bytes: &[u8], durabilit
     persist(file, path)
 }
 
-fn folder_of(path: &Path) -> &Path {
+/// Whether a name is one of a temporary file of ours.
+pub(crate) fn is_temporary(name: &OsStr) -> bool {
+    let name = name.as_encoded_bytes();
+    name.starts_with(TEMPORARY[0].as_bytes()) && name.ends_with(TEMPORARY[1].as_bytes())
+}
+
+pub(crate) fn folder_of(path: &Path) -> &Path {
     path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."))
 }
 

@@ -5,8 +5,7 @@
 //! are equal, and the work alone is done twice.
 
 use std::fs::{self, File, OpenOptions, TryLockError};
-use std::io;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::thread;
 use std::time::Duration;
 
@@ -59,15 +58,15 @@ impl Cache {
         if let Some(found) = find() {
             return Ok(Once::Found(found));
         }
-        let Some(claim) = Claim::wait_for(self.path("locks", key.as_bytes()), cancellation, &tell) else {
+        let Some(claim) = Claim::wait_for(self, key, cancellation, &tell) else {
             return Ok(Once::Cancelled);
         };
         if let Some(found) = find().or_else(|| if self.fetch(key, &tell) { find() } else { None }) {
-            claim.settle();
+            claim.settle(self);
             return Ok(Once::Found(found));
         }
         let made = make()?;
-        claim.settle();
+        claim.settle(self);
         self.share(key, &tell);
         Ok(Once::Made(made))
     }
@@ -99,8 +98,11 @@ struct Claim {
 
 impl Claim {
     /// `None` if cancelled.
-    fn wait_for(path: PathBuf, cancellation: &Cancellation, tell: &impl Fn(Notice)) -> Option<Self> {
-        let Ok(file) = open(&path) else { return Some(Self { path, file: None }) };
+    fn wait_for(cache: &Cache, key: &Key, cancellation: &Cancellation, tell: &impl Fn(Notice)) -> Option<Self> {
+        let path = cache.path("locks", key.as_bytes());
+        let opened =
+            cache.own().write(&path, |path| OpenOptions::new().create(true).truncate(false).write(true).open(path));
+        let Ok(file) = opened else { return Some(Self { path, file: None }) };
         let mut pause = PAUSES[0];
         loop {
             match file.try_lock() {
@@ -121,22 +123,11 @@ impl Claim {
 
     /// The result is stored: who waits for the lock finds it there, and who comes later needs no lock. After a failure
     /// the file stays, so that all who wait for it keep waiting for the same one.
-    fn settle(self) {
-        if self.file.is_some() {
+    fn settle(self, cache: &Cache) {
+        if self.file.is_some() && cache.owns(&self.path).unwrap_or(false) {
             // One that stays is empty and goes with the next collection.
             let _ = fs::remove_file(&self.path);
         }
-    }
-}
-
-fn open(path: &Path) -> io::Result<File> {
-    let open = || OpenOptions::new().create(true).truncate(false).write(true).open(path);
-    match (open(), path.parent()) {
-        (Err(e), Some(folder)) if e.kind() == io::ErrorKind::NotFound => {
-            fs::create_dir_all(folder)?;
-            open()
-        }
-        (opened, _) => opened,
     }
 }
 
@@ -179,7 +170,7 @@ mod tests {
             }
         });
         assert_eq!(made.into_inner(), 1);
-        let locks: Vec<_> = fs::read_dir(dir.path().join("locks")).expect("lists").collect();
+        let locks: Vec<_> = fs::read_dir(Cache::new(dir.path()).folder().join("locks")).expect("lists").collect();
         let left: usize = locks.iter().flatten().map(|d| fs::read_dir(d.path()).expect("lists").count()).sum();
         assert_eq!(left, 0);
     }

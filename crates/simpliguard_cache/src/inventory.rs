@@ -7,16 +7,21 @@ use std::time::{Duration, SystemTime};
 
 use rayon::prelude::*;
 use serde::Serialize;
-use walkdir::WalkDir;
+use walkdir::{DirEntry, WalkDir};
 
 use crate::Cache;
+use crate::file::is_temporary;
+use crate::folder::{QUARANTINE, State, is_folder, is_hex};
 use crate::record::Record;
+
+/// Clocks of machines that share a folder differ by less.
+const CLOCK_DIFFERENCE: Duration = Duration::from_secs(3600);
 
 /// A file of a cache.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct StoredFile {
     pub(crate) path: PathBuf,
-    /// The hash it is named by; empty for temporary files.
+    /// The hash it is named by; empty for temporary files and those in quarantine.
     pub(crate) hex: String,
     /// In bytes.
     pub(crate) size: u64,
@@ -25,8 +30,12 @@ pub(crate) struct StoredFile {
 }
 
 impl StoredFile {
+    /// A date in the future is wrong and says nothing, so that such a file counts as old.
     pub(crate) fn is_older_than(&self, age: Duration) -> bool {
-        self.modified.elapsed().is_ok_and(|elapsed| elapsed > age)
+        match self.modified.elapsed() {
+            Ok(elapsed) => elapsed > age,
+            Err(ahead) => ahead.duration() > CLOCK_DIFFERENCE,
+        }
     }
 }
 
@@ -52,18 +61,31 @@ pub(crate) struct Inventory {
 }
 
 impl Inventory {
+    /// Only files with names that this program gives, in the places where it puts them; nothing in a folder that is not
+    /// the cache's own.
     pub(crate) fn of(cache: &Cache) -> Self {
-        let mut temporary = Vec::new();
+        if !matches!(cache.own().state(), Ok(State::Ours | State::Empty)) {
+            return Self::default();
+        }
+        let mut temporary = files(cache.folder(), 1, temporary_name);
         let mut named = |folder| {
-            let (named, unnamed): (Vec<_>, Vec<_>) =
-                files(&cache.root().join(folder)).into_iter().partition(|file| !file.hex.is_empty());
+            let files = files(&cache.folder().join(folder), 2, |path| hash_name(path).or_else(|| temporary_name(path)));
+            let (named, unnamed): (Vec<_>, Vec<_>) = files.into_iter().partition(|file| !file.hex.is_empty());
             temporary.extend(unnamed);
             named
         };
         let objects: BTreeMap<_, _> = named("objects").into_iter().map(|file| (file.hex.clone(), file)).collect();
         let (results, stages, locks) = (named("results"), named("stages"), named("locks"));
         let results = results.into_par_iter().map(|file| stored_result(file, &objects)).collect();
-        Self { results, objects, stages, locks, temporary, quarantine: files(&cache.root().join("quarantine")) }
+        let quarantine = files(&cache.folder().join(QUARANTINE), 1, quarantine_name);
+        Self { results, objects, stages, locks, temporary, quarantine }
+    }
+
+    /// Of all files; records come first, so that none is left without its objects.
+    pub(crate) fn into_paths(self) -> impl Iterator<Item = PathBuf> {
+        let results = self.results.into_iter().map(|result| result.file);
+        let rest = [self.stages, self.quarantine, self.locks, self.temporary].into_iter().flatten();
+        results.chain(self.objects.into_values()).chain(rest).map(|file| file.path)
     }
 
     /// How many results name each object.
@@ -93,27 +115,41 @@ fn stored_result(file: StoredFile, objects: &BTreeMap<String, StoredFile>) -> St
     StoredResult { file, objects: objects.iter().map(|object| object.hash.to_string()).collect(), is_complete }
 }
 
-/// The files below a folder that can be read, by path.
-fn files(folder: &Path) -> Vec<StoredFile> {
-    let entries = WalkDir::new(folder).min_depth(1).sort_by_file_name().into_iter().filter_map(Result::ok);
-    let stored = |entry: walkdir::DirEntry| {
+/// The files of ours that lie `depth` levels below a folder, by path. `hex` tells what is ours, and the hash that it is
+/// named by.
+fn files(folder: &Path, depth: usize, hex: impl Fn(&Path) -> Option<String>) -> Vec<StoredFile> {
+    // A walk follows the link that it begins at.
+    if !is_folder(folder) {
+        return Vec::new();
+    }
+    let walk = WalkDir::new(folder).min_depth(1).max_depth(depth).sort_by_file_name().into_iter();
+    let leads_to_ours = |entry: &DirEntry| entry.depth() == depth || is_hex(entry.file_name(), 2);
+    let entries = walk.filter_entry(leads_to_ours).filter_map(Result::ok).filter(|entry| entry.depth() == depth);
+    let stored = |entry: DirEntry| {
+        let hex = hex(entry.path())?;
         let data = entry.metadata().ok().filter(fs::Metadata::is_file)?;
-        let path = entry.into_path();
-        Some(StoredFile {
-            hex: hex(&path).unwrap_or_default(),
-            size: data.len(),
-            modified: data.modified().ok()?,
-            path,
-        })
+        Some(StoredFile { hex, size: data.len(), modified: data.modified().ok()?, path: entry.into_path() })
     };
     entries.filter_map(stored).collect()
 }
 
 /// The hash of `ab/cdef..`.
-fn hex(path: &Path) -> Option<String> {
-    let [first, rest] = [path.parent()?.file_name()?, path.file_name()?].map(|name| name.to_string_lossy());
-    let hex = format!("{first}{rest}");
-    blake3::Hash::from_hex(&hex).ok().map(|_| hex)
+fn hash_name(path: &Path) -> Option<String> {
+    let (first, rest) = (path.parent()?.file_name()?, path.file_name()?);
+    (is_hex(first, 2) && is_hex(rest, 62)).then(|| format!("{}{}", first.to_string_lossy(), rest.to_string_lossy()))
+}
+
+/// Empty if it is a temporary file.
+fn temporary_name(path: &Path) -> Option<String> {
+    is_temporary(path.file_name()?).then(String::new)
+}
+
+/// Empty if it is a file in quarantine: the rest of its hash, the number of the process that moved it, and a count.
+fn quarantine_name(path: &Path) -> Option<String> {
+    let mut parts = path.file_name()?.to_str()?.split('.');
+    let is_hash = is_hex(parts.next()?.as_ref(), 62);
+    let is_number = |part: &str| !part.is_empty() && part.bytes().all(|byte| byte.is_ascii_digit());
+    (is_hash && is_number(parts.next()?) && is_number(parts.next()?) && parts.next().is_none()).then(String::new)
 }
 
 /// Files and their bytes.

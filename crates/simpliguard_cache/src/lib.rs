@@ -2,15 +2,23 @@
 //!
 //! A [`Key`] is derived from everything that decides the bytes of a result: the version of the chain, the input bytes
 //! and the settings. No path, thread count or backend is part of it, so a renamed file is still found. A result is a
-//! few named objects; each object is stored once under the hash of its content:
+//! few named objects; each object is stored once under the hash of its content. Everything lies in one folder,
+//! `simpliguard-v1`, of the folder that the user gives:
 //!
 //! ```text
+//! CACHEDIR.TAG          marker: the folder is a cache of this program
 //! objects/ab/cdef..     content, named by its own hash
 //! results/ab/cdef..     JSON record of a key: the names, hashes and sizes of its objects, and who made it
 //! stages/ab/cdef..      what a stage left behind for later bakes, behind its own hash; named by its key
-//! quarantine/           what did not match its hash
+//! quarantine/cdef...1.0 what did not match its hash, with the number of the process that found it and a count
 //! locks/ab/cdef..       empty; locked by who makes the result of a key
+//! collecting            empty; locked by who removes what is not used any more
+//! estimate.json         how large everything is, about
 //! ```
+//!
+//! The marker is written when the folder is new or empty. A `simpliguard-v1` without it, or that is a symbolic link, is
+//! somebody else's: nothing is found there, and storing is an error ([`StorageError::Foreign`]). Only files with the
+//! names above are counted, moved or removed, and none that a symbolic link leads to.
 //!
 //! Files are written beside their place, synced and renamed, so a reader sees all of a file or none. Whatever is read is
 //! checked against its hash; what fails is moved to `quarantine/` and counts as a miss. Storage errors are returned as
@@ -32,6 +40,7 @@ mod cloud;
 mod collect;
 mod file;
 mod flight;
+mod folder;
 mod inventory;
 mod place;
 mod record;
@@ -45,7 +54,7 @@ pub use collect::{Collected, DEFAULT_MAX_SIZE};
 pub use file::{Durability, can_write_in, write_atomic, write_atomic_through};
 pub use flight::{Notice, Once};
 pub use inventory::{Amount, Usage};
-pub use place::{ENV_VAR, Explicit, place};
+pub use place::{ENV_VAR, Explicit, OutsideProject};
 pub use shared::SHARED_ENV_VAR;
 pub use simpliguard::{Key, KeyBuilder};
 pub use store::{Cache, Entry, Lookup, Stats, StorageError};

@@ -1,12 +1,10 @@
 //! What stages leave behind for later bakes of the same model.
 
-use std::fs;
-
 use bytes::Bytes;
 use simpliguard::{Key, StageStore, content_hash};
 
-use crate::store::{USE_NOTED_AFTER, note_use};
-use crate::{Cache, Durability, write_atomic};
+use crate::store::USE_NOTED_AFTER;
+use crate::{Cache, Durability};
 
 /// Length of the hash that stands before an object's content.
 const HASH: usize = blake3::OUT_LEN;
@@ -15,19 +13,19 @@ const HASH: usize = blake3::OUT_LEN;
 impl StageStore for Cache {
     fn get(&self, key: &Key) -> Option<Bytes> {
         let path = self.path("stages", key.as_bytes());
-        let file = Bytes::from(fs::read(&path).ok()?);
+        let file = Bytes::from(self.read_file(&path).ok()??);
         if !is_whole(&file) {
             self.quarantine(path, "does not match its hash");
             return None;
         }
-        note_use(&path, USE_NOTED_AFTER);
+        self.note_use(&path, USE_NOTED_AFTER);
         Some(file.slice(HASH..))
     }
 
     fn put(&self, key: &Key, bytes: &[u8]) {
         let file = [content_hash(bytes).as_bytes(), bytes].concat();
         // Its hash tells whether all of it came to the disk.
-        if write_atomic(&self.path("stages", key.as_bytes()), &file, Durability::Process).is_ok() {
+        if self.write(&self.path("stages", key.as_bytes()), &file, Durability::Process).is_ok() {
             self.has_grown(file.len() as u64);
         }
     }

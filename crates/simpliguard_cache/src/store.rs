@@ -8,9 +8,11 @@ use std::time::{Duration, SystemTime};
 
 use simpliguard::{Key, content_hash};
 
+use crate::Durability;
+use crate::file::{folder_of, replace};
+use crate::folder::{OwnFolder, QUARANTINE};
 use crate::record::{ObjectRecord, Record};
 use crate::shared::Shared;
-use crate::{Durability, write_atomic};
 
 /// A use is noted if the last one is this long ago.
 pub(crate) const USE_NOTED_AFTER: Duration = Duration::from_secs(3600);
@@ -55,6 +57,14 @@ pub enum StorageError {
         /// Why not.
         source: io::Error,
     },
+    /// There is something that this program has not made, where its own files are to be.
+    #[error("cache: {} is not used: {found}; delete or rename it, or choose another folder for the cache", path.display())]
+    Foreign {
+        /// Where.
+        path: PathBuf,
+        /// What is there.
+        found: String,
+    },
     /// A file does not hold what it should.
     #[error("cache: {} {reason}; {}", path.display(), if *moved { "moved to quarantine" } else { "it could not be moved away" })]
     Damaged {
@@ -90,10 +100,11 @@ pub struct Stats {
     pub quarantined: u64,
 }
 
-/// A cache folder. Any number of threads and processes may use one at the same time.
+/// A cache. Any number of threads and processes may use one at the same time.
 #[derive(Debug)]
 pub struct Cache {
     root: PathBuf,
+    folder: OwnFolder,
     max_size: u64,
     shared: Option<Shared>,
     /// Files are neither moved nor touched.
@@ -106,8 +117,10 @@ pub struct Cache {
 impl Cache {
     /// A cache in a folder, which need not exist yet, of at most [`crate::DEFAULT_MAX_SIZE`]. Touches nothing.
     pub fn new(root: impl Into<PathBuf>) -> Self {
+        let root = root.into();
         Self {
-            root: root.into(),
+            folder: OwnFolder::new(&root),
+            root,
             max_size: crate::DEFAULT_MAX_SIZE,
             shared: None,
             read_only: false,
@@ -141,9 +154,26 @@ impl Cache {
         self.max_size
     }
 
-    /// Its folder.
+    /// The folder that it was given, which may hold other things too.
     pub fn root(&self) -> &Path {
         &self.root
+    }
+
+    /// The folder in [`Self::root`] that all its files are in.
+    pub fn folder(&self) -> &Path {
+        self.folder.path()
+    }
+
+    pub(crate) fn own(&self) -> &OwnFolder {
+        &self.folder
+    }
+
+    /// Whether [`Self::folder`] is missing or the cache's own.
+    ///
+    /// # Errors
+    /// What is there instead, or why it cannot be told.
+    pub fn check(&self) -> Result<(), StorageError> {
+        self.folder.check()
     }
 
     /// Counts since [`Self::new`].
@@ -170,7 +200,7 @@ impl Cache {
         };
         counter.fetch_add(1, Relaxed);
         if matches!(lookup, Lookup::Hit(_)) && !self.read_only {
-            note_use(&self.path("results", key.as_bytes()), USE_NOTED_AFTER);
+            self.note_use(&self.path("results", key.as_bytes()), USE_NOTED_AFTER);
         }
         lookup
     }
@@ -182,11 +212,11 @@ impl Cache {
         for (name, bytes) in &entry.objects {
             let hash = content_hash(bytes);
             let path = self.path("objects", hash.as_bytes());
-            if fs::read(&path).is_ok_and(|there| there == *bytes) {
-                // A collection that is under way takes it for one of ours.
-                note_use(&path, Duration::ZERO);
+            if self.read_file(&path).is_ok_and(|there| there.as_ref() == Some(bytes)) {
+                // A collection that is under way leaves what was used just now.
+                self.note_use(&path, Duration::ZERO);
             } else {
-                write(&path, bytes)?;
+                self.write(&path, bytes, Durability::PowerLoss)?;
                 grown += bytes.len() as u64;
             }
             objects.push(ObjectRecord { name: name.clone(), hash, size: bytes.len() as u64 });
@@ -194,14 +224,14 @@ impl Cache {
         let path = self.path("results", key.as_bytes());
         let json = Record::new(key, &entry.made_by, objects).to_json();
         let json = json.map_err(|e| StorageError::Io { action: "write", path: path.clone(), source: e.into() })?;
-        write(&path, &json)?;
+        self.write(&path, &json, Durability::PowerLoss)?;
         self.has_grown(grown + json.len() as u64);
         Ok(())
     }
 
     pub(crate) fn read(&self, key: &Key, wanted: impl Fn(&str) -> bool) -> Result<Option<Entry>, StorageError> {
         let path = self.path("results", key.as_bytes());
-        let Some(json) = read(&path)? else { return Ok(None) };
+        let Some(json) = self.read_file(&path)? else { return Ok(None) };
         let record = match Record::parse(&json, &key.hex()) {
             Ok(Some(record)) => record,
             Ok(None) => return Ok(None),
@@ -210,7 +240,7 @@ impl Cache {
         let mut objects = Vec::with_capacity(record.objects.len());
         for ObjectRecord { name, hash, size } in record.objects {
             if !wanted(&name) {
-                if fs::metadata(self.path("objects", hash.as_bytes())).is_ok_and(|there| there.len() == size) {
+                if self.has(&self.path("objects", hash.as_bytes()), size) {
                     continue;
                 }
                 return Ok(None);
@@ -223,7 +253,7 @@ impl Cache {
 
     fn read_object(&self, hash: &blake3::Hash, size: u64) -> Result<Option<Vec<u8>>, StorageError> {
         let path = self.path("objects", hash.as_bytes());
-        let Some(bytes) = read(&path)? else { return Ok(None) };
+        let Some(bytes) = self.read_file(&path)? else { return Ok(None) };
         if bytes.len() as u64 != size {
             return Err(self.quarantine(path, &format!("has {} bytes instead of {size}", bytes.len())));
         }
@@ -236,40 +266,50 @@ impl Cache {
     pub(crate) fn quarantine(&self, path: PathBuf, reason: &str) -> StorageError {
         let nth = self.quarantined.fetch_add(1, Relaxed);
         let name = path.file_name().unwrap_or_default().to_string_lossy();
-        let folder = self.root.join("quarantine");
-        let target = folder.join(format!("{name}.{}.{nth}", std::process::id()));
-        let moved = !self.read_only && fs::create_dir_all(&folder).and_then(|()| fs::rename(&path, target)).is_ok();
+        let target = self.folder().join(QUARANTINE).join(format!("{name}.{}.{nth}", std::process::id()));
+        let moved = !self.read_only
+            && self.owns(&path).unwrap_or(false)
+            && self.folder.write(&target, |target| fs::rename(&path, target)).is_ok();
         StorageError::Damaged { path, reason: reason.to_owned(), moved }
     }
 
     pub(crate) fn path(&self, folder: &str, hash: &[u8; 32]) -> PathBuf {
         let hex = blake3::Hash::from_bytes(*hash).to_hex();
         let (first, rest) = hex.split_at(2);
-        self.root.join(folder).join(first).join(rest)
+        self.folder().join(folder).join(first).join(rest)
     }
-}
 
-/// Sets the time by which files are evicted, if it is older than `after`. A file that cannot be written keeps its own.
-pub(crate) fn note_use(path: &Path, after: Duration) {
-    let modified = fs::metadata(path).and_then(|data| data.modified());
-    let recent = |time: SystemTime| time.elapsed().is_ok_and(|age| age < after);
-    if !modified.is_ok_and(recent) {
-        let _ = File::options().append(true).open(path).and_then(|file| file.set_modified(SystemTime::now()));
+    /// The content of a file of the cache; `None` if there is none, or if its folder is not the cache's own.
+    pub(crate) fn read_file(&self, path: &Path) -> Result<Option<Vec<u8>>, StorageError> {
+        let is_there = self.owns(path);
+        match is_there.and_then(|is_there| is_there.then(|| fs::read(path)).transpose()) {
+            Ok(bytes) => Ok(bytes),
+            Err(e) if e.kind() == io::ErrorKind::NotFound => Ok(None),
+            Err(source) => Err(StorageError::Io { action: "read", path: path.to_owned(), source }),
+        }
     }
-}
 
-pub(crate) fn read(path: &Path) -> Result<Option<Vec<u8>>, StorageError> {
-    match fs::read(path) {
-        Ok(bytes) => Ok(Some(bytes)),
-        Err(e) if e.kind() == io::ErrorKind::NotFound => Ok(None),
-        Err(source) => Err(StorageError::Io { action: "read", path: path.to_owned(), source }),
+    pub(crate) fn write(&self, path: &Path, bytes: &[u8], durability: Durability) -> Result<(), StorageError> {
+        self.folder.write(path, |path| replace(folder_of(path), path, bytes, durability))
     }
-}
 
-fn write(path: &Path, bytes: &[u8]) -> Result<(), StorageError> {
-    write_atomic(path, bytes, Durability::PowerLoss).map_err(|source| StorageError::Io {
-        action: "write",
-        path: path.to_owned(),
-        source,
-    })
+    /// Sets the time by which files are evicted, if it is older than `after`. A file that cannot be written keeps its
+    /// own.
+    pub(crate) fn note_use(&self, path: &Path, after: Duration) {
+        let modified = fs::symlink_metadata(path).and_then(|data| data.modified());
+        let recent = |time: SystemTime| time.elapsed().is_ok_and(|age| age < after);
+        if !modified.is_ok_and(recent) && self.owns(path).unwrap_or(false) {
+            let _ = File::options().append(true).open(path).and_then(|file| file.set_modified(SystemTime::now()));
+        }
+    }
+
+    /// Whether there is a file of a size.
+    fn has(&self, path: &Path, size: u64) -> bool {
+        self.owns(path).unwrap_or(false) && fs::symlink_metadata(path).is_ok_and(|there| there.len() == size)
+    }
+
+    /// Whether a path names a file of the cache.
+    pub(crate) fn owns(&self, path: &Path) -> io::Result<bool> {
+        Ok(self.folder.is_ours()? && self.folder.has_file(path)?)
+    }
 }

@@ -6,7 +6,6 @@ use simpliguard::content_hash;
 use crate::inventory::{Inventory, StoredFile};
 use crate::record::Record;
 use crate::stages::is_whole;
-use crate::store::read;
 use crate::{Amount, Cache, StorageError};
 
 /// What [`Cache::verify`] has found.
@@ -30,21 +29,21 @@ impl Cache {
         let is_record = |bytes: &[u8], file: &StoredFile| Record::parse(bytes, &file.hex).map(drop);
         let is_object = |bytes: &[u8], file: &StoredFile| matches(content_hash(bytes).to_hex().as_str() == file.hex);
         let is_stage = |bytes: &[u8], _: &StoredFile| matches(is_whole(bytes));
-        let mut errors = self.check(&records, is_record);
-        errors.extend(self.check(&objects, is_object));
-        errors.extend(self.check(&stages, is_stage));
+        let mut errors = self.check_files(&records, is_record);
+        errors.extend(self.check_files(&objects, is_object));
+        errors.extend(self.check_files(&stages, is_stage));
         let checked = records.iter().chain(&objects).chain(&stages).copied().collect();
         // What was moved away is missing from its results.
         let incomplete = Inventory::of(self).results.iter().filter(|result| !result.is_complete).count() as u64;
         Verified { checked, errors, incomplete }
     }
 
-    fn check(
+    fn check_files(
         &self,
         files: &[&StoredFile],
         check: impl Fn(&[u8], &StoredFile) -> Result<(), String> + Sync,
     ) -> Vec<StorageError> {
-        let check = |file: &&StoredFile| match read(&file.path) {
+        let check = |file: &&StoredFile| match self.read_file(&file.path) {
             // It went meanwhile.
             Ok(None) => None,
             Ok(Some(bytes)) => check(&bytes, file).err().map(|reason| self.quarantine(file.path.clone(), &reason)),

@@ -1,8 +1,10 @@
 //! `simpliguard bake`: one model after another, each on all threads.
 
+use std::cell::RefCell;
+use std::collections::BTreeSet;
 use std::fs;
 use std::io::{self, Cursor};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use image::{ImageFormat, RgbImage};
@@ -12,7 +14,8 @@ use simpliguard::gltf::{Limits, import};
 use simpliguard::settings::BakeSettings;
 use simpliguard::{Cancellation, Context, Error, NoResources, Source, StageId, StageStore};
 use simpliguard_cache::{
-    BakeResult, Cache, Draw, Durability, Explicit, Key, Lookup, Notice, Once, bake_key, can_write_in, write_atomic,
+    BakeResult, Cache, Draw, Durability, Explicit, Key, Lookup, Notice, Once, OutsideProject, bake_key, can_write_in,
+    write_atomic,
 };
 use simpliguard_eval::{TurntableError, contact_sheet, turntable};
 
@@ -52,6 +55,8 @@ struct Runner<'a> {
     interrupt: Interrupt,
     /// `None` for the global pool with all cores.
     pool: Option<ThreadPool>,
+    /// Folders that were told of: a project has many models, but one cache.
+    outside: RefCell<BTreeSet<PathBuf>>,
 }
 
 impl<'a> Runner<'a> {
@@ -59,7 +64,7 @@ impl<'a> Runner<'a> {
         let build = |n: std::num::NonZeroUsize| ThreadPoolBuilder::new().num_threads(n.get()).build();
         let pool = args.threads.map(build).transpose();
         let pool = pool.map_err(|e| UsageError(format!("--threads: cannot start the threads: {e}")))?;
-        Ok(Self { args, interrupt: Interrupt::install(), pool })
+        Ok(Self { args, interrupt: Interrupt::install(), pool, outside: RefCell::default() })
     }
 
     fn bake(&self, job: &Job, progress: AssetProgress) -> Outcome {
@@ -113,7 +118,12 @@ impl<'a> Runner<'a> {
 
     fn cache(&self, job: &Job) -> Option<Cache> {
         let explicit = Explicit { dir: self.args.cache_dir.as_deref(), shared: self.args.shared_cache.as_deref() };
-        if self.args.no_cache { None } else { job.cache.open(explicit) }
+        let tell = |outside: OutsideProject| {
+            if self.outside.borrow_mut().insert(outside.folder.clone()) {
+                console::warning(&outside.to_string());
+            }
+        };
+        if self.args.no_cache { None } else { job.cache.open(explicit, tell) }
     }
 
     fn look_up(&self, cache: &Cache, key: &Key) -> Option<BakeResult> {

@@ -36,8 +36,13 @@ enum Outcome {
 /// Carries the command out; whether all is well.
 pub(crate) fn run(args: &CacheArgs) -> Result<bool, UsageError> {
     let project = ProjectCache::of(args.project.as_deref())?;
-    let cache = project.open(Explicit { dir: args.cache_dir.as_deref(), shared: None });
+    let explicit = Explicit { dir: args.cache_dir.as_deref(), shared: None };
+    let cache = project.open(explicit, |outside| console::warning(&outside.to_string()));
     let cache = cache.ok_or_else(|| UsageError("there is no user's cache folder; give --cache-dir".into()))?;
+    // Commands that change something fail by themselves.
+    if let (CacheCommand::Stats | CacheCommand::Verify, Err(error)) = (args.command, cache.check()) {
+        console::warning(&error.to_string());
+    }
     let outcome = carry_out(args.command, &cache);
     outcome.errors().for_each(console::error);
     if args.json {
@@ -52,7 +57,6 @@ pub(crate) fn run(args: &CacheArgs) -> Result<bool, UsageError> {
 fn carry_out(command: CacheCommand, cache: &Cache) -> Outcome {
     match command {
         CacheCommand::Stats => Outcome::Usage(cache.usage()),
-        CacheCommand::Gc { .. } if !cache.root().exists() => Outcome::Collected(Collected::default()),
         CacheCommand::Gc { max_size } => match cache.collect(max_size.unwrap_or(cache.max_size())) {
             Ok(Some(collected)) => Outcome::Collected(collected),
             Ok(None) => Outcome::Failed("another collection is under way; try again when it has ended".into()),

@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 
 use simpliguard::Error;
 use simpliguard::settings::{CacheSettings, Layer, Origin, ProjectFile, Resolved, parse_meta, resolve};
-use simpliguard_cache::{Cache, Explicit};
+use simpliguard_cache::{Cache, Explicit, OutsideProject};
 
 use crate::UsageError;
 use crate::args::SettingsSources;
@@ -54,9 +54,10 @@ impl ProjectCache {
         Ok(Project::read(folder.map(existing_folder).transpose()?.or_else(here))?.cache())
     }
 
-    /// The cache, unless there is no place for one. `explicit` is what the command line says.
-    pub(crate) fn open(&self, explicit: Explicit<'_>) -> Option<Cache> {
-        Cache::of_project(explicit, &self.settings, &self.base)
+    /// The cache, unless there is no place for one. `explicit` is what the command line says; `tell` is called if the
+    /// project's file names a folder that is not used.
+    pub(crate) fn open(&self, explicit: Explicit<'_>, tell: impl FnOnce(OutsideProject)) -> Option<Cache> {
+        Cache::of_project(explicit, &self.settings, &self.base, tell)
     }
 }
 

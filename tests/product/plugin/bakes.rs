@@ -221,7 +221,7 @@ fn a_game_killed_while_it_bakes_bakes_at_the_next_start() {
     let mut game = project.run();
     game.wait_for_start_and_levels("ball.glb", 0);
     game.kill();
-    assert!(files_below(&project.path("cache/results")).is_empty());
+    assert!(files_below(&project.path("cache/simpliguard-v1/results")).is_empty());
 
     let mut second = project.run();
     second.wait_for_levels("ball.glb", 0);

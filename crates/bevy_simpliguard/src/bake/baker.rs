@@ -11,7 +11,7 @@ use bevy::prelude::*;
 use bytes::Bytes;
 use simpliguard::Error;
 use simpliguard::settings::{BakeSettings, CacheSettings, Layer, Origin, ProjectFile, parse_meta, resolve};
-use simpliguard_cache::{BakeResult, Cache, Explicit, Key, Lookup, bake_key};
+use simpliguard_cache::{BakeResult, Cache, Explicit, Key, Lookup, OutsideProject, bake_key};
 
 use super::activity::Activity;
 use super::events::{BakeFailed, Event};
@@ -137,7 +137,8 @@ impl Baker {
             return Some(known.clone());
         }
         let explicit = Explicit { dir: self.cache_dir.as_deref(), shared: None };
-        let cache = Arc::new(Cache::of_project(explicit, settings, &self.project.base)?);
+        let tell = |outside: OutsideProject| warn!("{outside}");
+        let cache = Arc::new(Cache::of_project(explicit, settings, &self.project.base, tell)?);
         caches.insert(settings.clone(), cache.clone());
         Some(cache)
     }

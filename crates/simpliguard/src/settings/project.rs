@@ -19,7 +19,7 @@ use crate::Error;
 ///     defaults: (texture_size: 2048),
 ///     rules: [(glob: "props/**", settings: (faces: [250, 500]))],
 ///     profiles: {"vr": (quality: Best)},
-///     cache: (dir: "../cache", max_size: "5 GiB"),
+///     cache: (dir: "cache", max_size: "5 GiB"),
 ///     plugin: (mode: Progressive, threads: 2),
 /// )
 /// ```
@@ -53,7 +53,7 @@ pub struct ProjectSettings {
 #[derive(Clone, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Deserialize)]
 #[serde(default, deny_unknown_fields, rename = "cache")]
 pub struct CacheSettings {
-    /// Folder, relative to the project's folder.
+    /// Folder, relative to the project's folder; one outside of it is not used.
     #[serde(with = "serde_with::rust::unwrap_or_skip")]
     pub dir: Option<String>,
     /// Most bytes that are kept; what was used longest ago goes first.

@@ -13,7 +13,7 @@ use crate::folder::{entry, files, key};
 /// The cache of a machine.
 fn machine(dir: &Path, name: &str, settings: &CacheSettings) -> Cache {
     let own = dir.join(name);
-    Cache::of_project(Explicit { dir: Some(&own), shared: None }, settings, dir).expect("a folder is given")
+    Cache::of_project(Explicit { dir: Some(&own), shared: None }, settings, dir, |_| {}).expect("a folder is given")
 }
 
 fn shared(address: &str) -> CacheSettings {
@@ -76,7 +76,7 @@ fn damage_in_the_tier_does_not_come_here() {
     let server = dir.path().join("server");
     fs::create_dir(&server).expect("makes");
     once(&machine(dir.path(), "a", &shared("server")), "k");
-    for object in files(&server.join("objects")) {
+    for object in files(&server.join("simpliguard-v1/objects")) {
         fs::write(object, b"rot").expect("writes");
     }
     let cache = machine(dir.path(), "b", &shared("server"));

@@ -9,7 +9,7 @@ use crate::folder::{entry, files, filled, key};
 
 fn large_object(cache: &Cache) -> PathBuf {
     let of_size = |p: &PathBuf| fs::metadata(p).expect("exists").len() == 3000;
-    files(&cache.root().join("objects")).into_iter().find(of_size).expect("the large object")
+    files(&cache.folder().join("objects")).into_iter().find(of_size).expect("the large object")
 }
 
 fn assert_damaged(cache: &Cache, reason: &str) {
@@ -18,7 +18,7 @@ fn assert_damaged(cache: &Cache, reason: &str) {
         other => panic!("{other:?}"),
     }
     assert_eq!(cache.stats().quarantined, 1);
-    assert_eq!(files(&cache.root().join("quarantine")).len(), 1);
+    assert_eq!(files(&cache.folder().join("quarantine")).len(), 1);
     // Gone from its place, so the next one is a plain miss, and storing again heals it.
     assert!(matches!(cache.get(&key("k")), Lookup::Miss));
     cache.put(&key("k"), &entry()).expect("stores again");
@@ -50,8 +50,8 @@ fn equal_objects_are_stored_once() {
     let dir = tempfile::tempdir().expect("tempdir");
     let cache = filled(dir.path());
     cache.put(&key("other"), &entry()).expect("stores");
-    assert_eq!(files(&cache.root().join("objects")).len(), 2);
-    assert_eq!(files(&cache.root().join("results")).len(), 2);
+    assert_eq!(files(&cache.folder().join("objects")).len(), 2);
+    assert_eq!(files(&cache.folder().join("results")).len(), 2);
 }
 
 #[test]
@@ -77,7 +77,7 @@ fn a_truncated_object_is_quarantined() {
 fn a_truncated_record_is_quarantined() {
     let dir = tempfile::tempdir().expect("tempdir");
     let cache = filled(dir.path());
-    let record = files(&cache.root().join("results")).remove(0);
+    let record = files(&cache.folder().join("results")).remove(0);
     let text = fs::read(&record).expect("reads");
     fs::write(&record, &text[..text.len() / 2]).expect("writes");
     assert_damaged(&cache, "is no record");
@@ -87,7 +87,7 @@ fn a_truncated_record_is_quarantined() {
 fn a_record_in_the_wrong_place_is_quarantined() {
     let dir = tempfile::tempdir().expect("tempdir");
     let cache = filled(dir.path());
-    let record = files(&cache.root().join("results")).remove(0);
+    let record = files(&cache.folder().join("results")).remove(0);
     let text = fs::read_to_string(&record).expect("reads").replace(&key("k").hex(), &key("other").hex());
     fs::write(&record, text).expect("writes");
     assert_damaged(&cache, "is the record of another key");
@@ -121,13 +121,13 @@ fn a_read_only_cache_still_gives_hits() {
     let cache = filled(dir.path());
     let set = |mode| {
         for sub in ["", "objects", "results"] {
-            fs::set_permissions(cache.root().join(sub), fs::Permissions::from_mode(mode)).expect("chmod");
+            fs::set_permissions(cache.folder().join(sub), fs::Permissions::from_mode(mode)).expect("chmod");
         }
     };
     set(0o555);
     let found = matches!(cache.get(&key("k")), Lookup::Hit(_));
     let new = cache.put(&key("new"), &Entry { made_by: "cpu".into(), objects: vec![("b".into(), vec![9; 50])] });
-    let root_ignores_modes = fs::write(cache.root().join("probe"), b"").is_ok();
+    let root_ignores_modes = fs::write(cache.folder().join("probe"), b"").is_ok();
     set(0o755);
     assert!(found);
     assert!(new.is_err() || root_ignores_modes);
@@ -151,6 +151,7 @@ fn concurrent_writers_and_readers_see_whole_results() {
             });
         }
     });
-    let stored = ["objects", "results"].map(|folder| files(&root.join(folder)).len());
-    assert_eq!((stored, files(&root).len()), ([2, 1], 5), "temporary files were left behind");
+    let own = Cache::new(&root).folder().to_owned();
+    let stored = ["objects", "results"].map(|folder| files(&own.join(folder)).len());
+    assert_eq!((stored, files(&root).len()), ([2, 1], 6), "temporary files were left behind");
 }

@@ -40,7 +40,7 @@ fn nothing_in_a_cache_names_a_path() {
         let bytes = fs::read(&file).expect("reads");
         assert!(!bytes.windows(folder.len()).any(|part| part == folder), "{}", file.display());
         // No separator of paths either, wherever they begin.
-        let json = file.starts_with(cache.root().join("results"));
+        let json = file.starts_with(cache.folder().join("results"));
         assert!(!json || !bytes.iter().any(|byte| b"/\\".contains(byte)), "{}", file.display());
     }
 }
@@ -51,7 +51,7 @@ fn damaged_objects_of_stages_are_misses() {
     let cache = filled(dir.path());
     for damage in [&b""[..], b"short", &[0; 100]] {
         StageStore::put(&cache, &key("stage"), b"object");
-        let file = files(&cache.root().join("stages")).remove(0);
+        let file = files(&cache.folder().join("stages")).remove(0);
         fs::write(&file, damage).expect("writes");
         assert_eq!(StageStore::get(&cache, &key("stage")), None);
         assert!(!file.exists());
@@ -89,7 +89,7 @@ fn with_a_full_disk(cache: &Cache) {
     assert_eq!(StageStore::get(cache, &key("stage")), None);
     assert!(matches!(cache.get(&key("large")), Lookup::Miss));
     let whole = |path: &std::path::PathBuf| fs::metadata(path).expect("exists").len() == 100;
-    assert!(files(&cache.root().join("objects")).iter().all(whole), "half a file was left behind");
+    assert!(files(&cache.folder().join("objects")).iter().all(whole), "half a file was left behind");
     cache.put(&key("k"), &entry()).expect("what fits is stored");
     assert!(matches!(cache.get(&key("k")), Lookup::Hit(_)));
 }

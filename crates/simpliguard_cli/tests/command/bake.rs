@@ -92,7 +92,7 @@ fn a_changed_setting_bakes_again_and_a_damaged_cache_heals() {
     assert_eq!(status("100").0, "baked");
     assert_eq!(status("90").0, "baked");
     assert_eq!(status("100").0, "hit");
-    for first in fs::read_dir(folder.path("cache/objects")).expect("objects") {
+    for first in fs::read_dir(folder.path("cache/simpliguard-v1/objects")).expect("objects") {
         for object in fs::read_dir(first.expect("lists").path()).expect("objects") {
             fs::write(object.expect("lists").path(), b"rot").expect("writes");
         }
