@@ -12,12 +12,12 @@ use crate::geometry::{BoundingSphere, Bvh};
 use crate::pipeline::clock::Clock;
 use crate::pipeline::store::{atlas_key, vertices_key, warm_start_key};
 use crate::pipeline::{LevelReport, LevelTopology};
-use crate::refine::{self, LowPoly, Refined, Skin, Solver, TextureAdam, TextureFit};
-use crate::render::{SurfaceSample, SurfaceSampler, View, ViewRenderer};
+use crate::refine::{self, LowPoly, Refined, Skin, Solver, TexelGrid, TextureAdam, TextureFit};
+use crate::render::{SurfaceSample, SurfaceSampler, View, ViewRenderer, fill_unknown};
 use crate::settings::{BakeSettings, InitialTexture, MorphTargets, SkinTransfer, TextureSolver};
 use crate::simplify::{self, DeviationMetric, JointPlanes, Shape};
 use crate::skinning::{self, BoneRemap, JointSplit, SkinSource, Transfer};
-use crate::texture::{self, Channels, Texel};
+use crate::texture::{self, BakeTarget, Baker, Channels, TexelMap};
 use crate::unwrap::{UnwrapParams, unwrap};
 use crate::{Context, Error, Key, Progress, ProgressSink, StageId};
 
@@ -64,7 +64,7 @@ struct Canvas<'a> {
     shared: &'a Shared<'a>,
     atlas: &'a Atlas,
     size: usize,
-    texels: Vec<Option<Texel>>,
+    texels: TexelMap,
 }
 
 /// Makes a level for each budget from its shape.
@@ -151,7 +151,7 @@ fn make_level(shared: &Shared<'_>, number: u32, budget: u32, shape: &Shape) -> R
             MorphTargets::Drop => Vec::new(),
         };
         let mesh = texture::level_mesh(&mesh, &atlas, &influences, &morphs, channels.normal);
-        let (textures, varying) = texture::maps(&mesh, &canvas.texels, &samples, &low.texels, size, channels);
+        let (textures, varying) = texture::pbr_maps(&mesh, &canvas.texels, &samples, &low.texture.texels, channels);
         (mesh, textures, texture::level_material(&varying, alpha, low.double_sided, unlit))
     });
     context.check(&model.name)?;
@@ -196,7 +196,7 @@ struct Fitted {
 impl Fitted {
     /// The shape as it is, without a texture.
     fn unmoved(shared: &Shared<'_>, atlas: &Atlas, shape: &Shape, influences: Vec<Influences>) -> Self {
-        let mut low = LowPoly::new(&shape.mesh, atlas, shape.double_sided, 1, Vec::new(), Vec::new());
+        let mut low = LowPoly::new(&shape.mesh, atlas, shape.double_sided, TexelGrid::empty());
         let moved: Option<Vec<Vec3>> =
             shared.preview.then(|| shared.context.find(&warm_start_key(&shape.mesh))).flatten();
         if let Some(positions) = moved.filter(|positions| positions.len() == low.positions.len()) {
@@ -226,8 +226,8 @@ fn fit(
         if is_cut_out(shape, &samples) {
             return None;
         }
-        let (texels, covered) = small.initial_texture(&samples, false);
-        let low = LowPoly::new(&shape.mesh, atlas, shape.double_sided, small.size, texels, covered);
+        let initial = small.initial_texture(&samples, false);
+        let low = LowPoly::new(&shape.mesh, atlas, shape.double_sided, initial);
         Some((low.with_motions(motions(shared, &influences)), small.texture_fit(&samples, false, None)))
     });
     context.check(&model.name)?;
@@ -246,7 +246,6 @@ fn fit(
         laplacian_weight: settings.laplacian_weight,
         distance_weight: settings.distance_weight,
         normal_weight: settings.normal_weight,
-        seed: shared.seed ^ u64::from(budget),
     };
     let key = shared.content.map(|content| vertices_key(&content, settings, budget));
     let (positions, (influences, refined)) = clock.time(StageId::Refine, || {
@@ -261,8 +260,10 @@ fn fit(
                 half_resolution: shared.halves.or(own.as_deref()).unwrap_or_default(),
                 bvh: shared.bvh,
                 radius: shared.frame.radius,
+                seed: shared.seed ^ u64::from(budget),
             };
-            let refined = refine::refine(&mut low, skin.as_mut(), &target, &params, &model.name, context)?;
+            let refined = refine::refine(&mut low, skin.as_mut(), &target, &params, &context.cancellation);
+            context.check(&model.name)?;
             let influences = skin.map_or_else(|| influences.clone(), Skin::into_influences);
             if let Some(key) = context.key(|| warm_start_key(&shape.mesh)) {
                 context.leave(&key, &low.positions);
@@ -297,27 +298,19 @@ fn split_at_joints(shared: &Shared<'_>, fitted: Fitted, atlas: Atlas, budget: u3
     let uvs = uvs.collect();
     let chart = parts.iter().map(|(face, _)| atlas.chart[*face as usize]).collect();
     let atlas = Atlas { uvs, chart, ..atlas };
-    let low = LowPoly::new(&mesh, &atlas, low.double_sided, low.size, low.texels, low.covered)
-        .with_motions(motions(shared, &influences));
+    let low = LowPoly::new(&mesh, &atlas, low.double_sided, low.texture).with_motions(motions(shared, &influences));
     (Fitted { low, influences, refined }, atlas)
 }
 
 impl<'a> Canvas<'a> {
     fn new(shared: &'a Shared<'a>, atlas: &'a Atlas, size: usize) -> Self {
-        Self { shared, atlas, size, texels: texture::texel_map(atlas, size) }
+        Self { shared, atlas, size, texels: TexelMap::new(atlas, size) }
     }
 
     fn bake(&self, mesh: &TriMesh, cards: Option<&Cards>) -> Vec<Option<SurfaceSample>> {
-        let Shared { sampler, bvh, frame, context, .. } = self.shared;
-        let cancellation = &context.cancellation;
-        let mut samples =
-            texture::bake(sampler, bvh, frame, mesh, self.atlas, &self.texels, self.size, cards, cancellation);
-        if let Some(cards) = cards {
-            let surface = &self.shared.model.surface;
-            let source = TriMesh { positions: surface.positions.clone(), triangles: surface.triangles.clone() };
-            texture::keep_coverage(&mut samples, &self.texels, self.size, &source, mesh, cards);
-        }
-        samples
+        let Shared { sampler, bvh, frame, context, .. } = *self.shared;
+        let target = BakeTarget { mesh, atlas: self.atlas, texels: &self.texels, cards };
+        Baker { sampler, bvh, bounding_sphere: frame }.bake(&target, &context.cancellation)
     }
 
     /// How the texture is to be fitted: not at all if what was baked has one colour. What lies behind a cut-out shows through
@@ -335,10 +328,11 @@ impl<'a> Canvas<'a> {
     }
 
     /// Encoded colours with their gutters, and which texels a triangle covers.
-    fn initial_texture(&self, samples: &[Option<SurfaceSample>], alpha: bool) -> (Vec<Vec4>, Vec<bool>) {
+    fn initial_texture(&self, samples: &[Option<SurfaceSample>], alpha: bool) -> TexelGrid {
+        let size = self.size;
         let covered: Vec<bool> = samples.iter().map(Option::is_some).collect();
         if self.shared.settings.initial_texture == InitialTexture::Grey && !alpha {
-            return (vec![GREY; samples.len()], covered);
+            return TexelGrid { size, texels: vec![GREY; samples.len()], covered };
         }
         let encoded = |s: &SurfaceSample| s.color.truncate().map(linear_to_srgb).extend(1.0);
         let mut texels: Vec<Vec4> =
@@ -346,14 +340,13 @@ impl<'a> Canvas<'a> {
         // Clear texels of a cut-out take the colour of their neighbours, which filtering mixes in.
         let known = |s: &Option<SurfaceSample>| s.as_ref().is_some_and(|s| !alpha || s.color.w >= 0.5);
         let known: Vec<bool> = samples.iter().map(known).collect();
-        texture::fill(&mut texels, &known, self.size);
-        (texels, covered)
+        fill_unknown(&mut texels, &known, size);
+        TexelGrid { size, texels, covered }
     }
 
     /// The texture at full size: baked anew on the final vertices, then fitted to the views.
     fn finish(&self, low: LowPoly, samples: &[Option<SurfaceSample>], alpha: bool) -> (LowPoly, Refined) {
-        let (texels, covered) = self.initial_texture(samples, alpha);
-        let mut low = low.retextured(self.atlas, self.size, texels, covered);
+        let mut low = low.retextured(self.atlas, self.initial_texture(samples, alpha));
         let fit = self.texture_fit(samples, alpha, Some(TRUST));
         let Shared { views, context, .. } = self.shared;
         let refined = refine::fit_texture(&mut low, views, fit.as_ref(), &context.cancellation);
