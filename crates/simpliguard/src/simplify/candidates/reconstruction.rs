@@ -25,7 +25,7 @@ pub(crate) fn wrap(inputs: &Inputs<'_>, params: &Reconstruction) -> TriMesh {
     let opaque = inputs.opaque;
     let layers = inputs.poses.map_or_else(Vec::new, |poses| layers(inputs, poses, params));
     if layers.len() < 2 {
-        return reconstruct(&opaque.mesh.positions, &opaque.mesh.triangles, &opaque.bvh, params, inputs.cancellation);
+        return reconstruct(&opaque.mesh, &opaque.bvh, params, inputs.cancellation);
     }
     let wrapped: Vec<TriMesh> = layers
         .par_iter()
@@ -33,7 +33,7 @@ pub(crate) fn wrap(inputs: &Inputs<'_>, params: &Reconstruction) -> TriMesh {
             let part = opaque.mesh.filtered(|t| layer.contains(&inputs.skin_source.part(opaque.source[t])));
             let bvh = Bvh::new(&part.positions, &part.triangles);
             let params = Reconstruction { resolution: params.resolution_for(&opaque.mesh, &part), ..*params };
-            reconstruct(&part.positions, &part.triangles, &bvh, &params, inputs.cancellation)
+            reconstruct(&part, &bvh, &params, inputs.cancellation)
         })
         .collect();
     wrapped.into_iter().reduce(append).unwrap_or_default()
