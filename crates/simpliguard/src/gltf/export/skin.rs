@@ -89,11 +89,11 @@ impl Binding {
     /// One joint for each node of the bones in use.
     fn merged(rig: &Rig, used: &[bool], source: &[Influences]) -> Self {
         let mut out = Self { source: None, joints: Vec::new(), joint_of_bone: vec![None; rig.bones.len()] };
-        let mut spaces = bind_spaces(rig, source);
+        let spaces = bind_spaces(rig, source);
         for (b, bone) in rig.bones.iter().enumerate().filter(|&(b, _)| used[b]) {
             let same_node = out.joints.iter().position(|j| j.node == bone.node);
             if same_node.is_none() {
-                let to_space = to_bind_space(rig, spaces.find(b));
+                let to_space = to_bind_space(rig, spaces[b]);
                 let inverse_bind = affine((bone.inverse_bind.as_dmat4() * to_space).as_mat4());
                 out.joints.push(Joint::new(bone.node, inverse_bind, bone.rest_world));
             }
