@@ -46,7 +46,13 @@ fn reconstruct_256(bencher: Bencher<'_, '_>, n: u32) {
     let mesh = torus(n);
     let bvh = Bvh::new(&mesh.positions, &mesh.triangles);
     bencher.counter(ItemsCount::new(mesh.triangles.len())).bench_local(|| {
-        reconstruct(&mesh.positions, &mesh.triangles, &bvh, black_box(&Reconstruction::new(256)), &Cancellation::default())
+        reconstruct(
+            &mesh.positions,
+            &mesh.triangles,
+            &bvh,
+            black_box(&Reconstruction::new(256)),
+            &Cancellation::default(),
+        )
     });
 }
 
@@ -87,7 +93,7 @@ fn shape_three_levels_of_a_model(bencher: Bencher<'_, '_>) {
     let Ok(path) = std::env::var("SIMPLIGUARD_BENCH_MODEL") else { return };
     let bytes = std::fs::read(&path).expect("the model can be read");
     let source = Source { name: &path, bytes: &bytes, resources: &NoResources };
-    shape_of(bencher, &gltf::import(&source, &gltf::Limits::default()).expect("the model is sound"));
+    shape_of(bencher, &gltf::import(&source, &gltf::ImportLimits::default()).expect("the model is sound"));
 }
 
 fn shape_of(bencher: Bencher<'_, '_>, model: &Model) {

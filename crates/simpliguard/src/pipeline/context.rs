@@ -54,7 +54,7 @@ pub struct Context<'a> {
 impl Context<'_> {
     /// `Err` once the bake is cancelled.
     pub fn check(&self, asset: &str) -> Result<(), Error> {
-        if self.cancellation.is_cancelled() { Err(Error::Cancelled { asset: asset.to_owned() }) } else { Ok(()) }
+        self.cancellation.check(asset)
     }
 
     /// Passes a report on to the sink.

@@ -11,14 +11,14 @@ use serde::{Deserialize, Serialize};
 use crate::animation::Poses;
 use crate::data::{Deviation, Level, Model, SMALLEST_EXTENT, TriMesh};
 use crate::geometry::{BoundingSphere, Bvh, Topology, self_intersecting};
-use crate::gltf::{self, ExportOptions, Limits};
+use crate::gltf::{self, ExportParams, ImportLimits};
 use crate::pipeline::clock::Clock;
 use crate::pipeline::level::Shared;
 use crate::pipeline::store::{content_key, shapes_key, vertices_key};
 use crate::pipeline::targets::Targets;
 use crate::refine::Refined;
 use crate::render::{SurfaceSampler, ViewRenderer, posed_views};
-use crate::settings::{BakeSettings, ExistingLods, JointPlanes, MorphTargets};
+use crate::settings::{BakeSettings, ExistingLods, JointPlanes, MorphTargets, SourceGeometry};
 use crate::simplify::{self, Shape};
 use crate::skinning::{self, SkinSource};
 use crate::{Context, Error, PreviewSink, Source, StageId, content_hash};
@@ -165,7 +165,8 @@ pub fn bake(source: &Source<'_>, settings: &BakeSettings, context: &Context<'_>)
     settings.check()?;
     let clock = Clock::default();
     context.report(StageId::Import, None, 0.0);
-    let imported = clock.time(StageId::Import, || gltf::import_in(source, &Limits::default(), context));
+    let imported =
+        clock.time(StageId::Import, || gltf::import_in(source, &ImportLimits::default(), &context.cancellation));
     if !settings.enabled {
         // What cannot be read is nobody's concern then, but for a glTF that must be made binary.
         let model = if is_binary(source) { imported.ok() } else { Some(imported?) };
@@ -188,8 +189,9 @@ pub fn bake(source: &Source<'_>, settings: &BakeSettings, context: &Context<'_>)
     check_extent(&model)?;
     let Made { levels, reports, unmet } = make_levels(source, &model, &targets, settings, context, &clock)?;
     context.report(StageId::Export, None, 0.97);
-    let options = export_options(settings);
-    let glb = clock.time(StageId::Export, || gltf::export_in(&model, &levels, &options, context))?;
+    let params = export_params(settings);
+    let export = || gltf::export_in(&model, &levels, &params, PIPELINE_VERSION, &context.cancellation);
+    let glb = clock.time(StageId::Export, export)?;
     context.report(StageId::Export, None, 1.0);
     let report = Report {
         status: Status::Baked,
@@ -201,8 +203,8 @@ pub fn bake(source: &Source<'_>, settings: &BakeSettings, context: &Context<'_>)
     Ok(Baked { glb, levels, model: Some(model), report })
 }
 
-fn export_options(settings: &BakeSettings) -> ExportOptions {
-    ExportOptions { source: settings.source, version: PIPELINE_VERSION.to_owned() }
+fn export_params(settings: &BakeSettings) -> ExportParams {
+    ExportParams { keep_source: settings.source == SourceGeometry::Keep }
 }
 
 fn check_extent(model: &Model) -> Result<(), Error> {
@@ -222,8 +224,7 @@ fn is_binary(source: &Source<'_>) -> bool {
 fn passed_through(source: &Source<'_>, model: Option<Model>, status: Status, clock: &Clock) -> Result<Baked, Error> {
     let in_pieces =
         || !is_binary(source) || gltf::external_uris(source.name, source.bytes).is_ok_and(|u| !u.is_empty());
-    let packed =
-        model.as_ref().filter(|_| in_pieces()).map(|model| gltf::export(model, &[], &ExportOptions::default()));
+    let packed = model.as_ref().filter(|_| in_pieces()).map(|model| gltf::export(model, &[], &ExportParams::default()));
     Ok(Baked {
         glb: packed.transpose()?.unwrap_or_else(|| source.bytes.to_vec()),
         levels: Vec::new(),
@@ -350,8 +351,9 @@ fn show_preview(shared: &Shared<'_>, wanted: &[(u32, &Shape)], sink: &dyn Previe
     let silent = Context { progress: None, ..context.clone() };
     let (levels, _) =
         level::make_levels(&Shared { settings: &quick, context: &silent, preview: true, ..*shared }, wanted)?;
-    let options = export_options(settings);
-    sink.show(clock.time(StageId::Export, || gltf::export_in(model, &levels, &options, &silent))?);
+    let params = export_params(settings);
+    let export = || gltf::export_in(model, &levels, &params, PIPELINE_VERSION, &silent.cancellation);
+    sink.show(clock.time(StageId::Export, export)?);
     Ok(())
 }
 
