@@ -263,7 +263,8 @@ impl LevelMaker<'_> {
             level: self.number as u32,
             budget: self.budget,
             faces,
-            stopped: (f64::from(faces) < FULL_BUDGET * f64::from(self.budget)).then(|| self.shape.shortfall.to_string()),
+            stopped: (f64::from(faces) < FULL_BUDGET * f64::from(self.budget))
+                .then(|| self.shape.shortfall.to_string()),
             candidate: self.shape.candidate.to_string(),
             error: deviation.percentile_95,
             deviation,
@@ -289,8 +290,7 @@ impl LevelMaker<'_> {
             false => Vec::new(),
         };
         let mesh = texture::level_mesh(&mesh, atlas, &influences, &morphs, channels.normal);
-        let (textures, statistics) =
-            texture::pbr_maps(&mesh, &texture.texels, &samples, &low.texture.texels, channels);
+        let (textures, statistics) = texture::pbr_maps(&mesh, &texture.texels, &samples, &low.texture.texels, channels);
         let material = texture::level_material(&statistics, cut_out, low.double_sided, unlit);
         let own_joints = self.params.skinning.bone_faces > 0.0;
         Level { budget: self.budget, error, mesh, own_joints, material, textures }
