@@ -13,6 +13,7 @@ use super::store::{atlas_key, vertices_key, warm_start_key};
 use super::views::Views;
 use crate::animation::Motions;
 use crate::data::{Atlas, Candidate, Influences, Level, TriMesh};
+use crate::geometry::Topology;
 use crate::refine::{self, LowPoly, RefineParams, Refined, Skin, TexelGrid, TextureFit, ViewTarget};
 use crate::render::SurfaceSample;
 use crate::settings::JointPlanes;
@@ -96,13 +97,18 @@ struct Finished {
 impl LevelMaker<'_> {
     fn make(&self) -> Result<(Level, LevelReport), Error> {
         let atlas = self.unwrap()?;
+        self.run.validate(StageId::Unwrap, || atlas.validate(self.shape.mesh.triangles.len()));
         let influences = self.skin()?;
+        self.run.validate(StageId::Skinning, || influences.iter().try_for_each(Influences::validate));
         let vertices = match self.initial_texture(&atlas, &influences)? {
             Some(textured) => self.refine(textured, influences)?,
             None => self.unmoved(&atlas, influences),
         };
+        self.run.validate(StageId::Refine, || Topology::validate_manifold(&vertices.low.mesh()));
         let (vertices, atlas) = self.split_at_joints(vertices, atlas);
-        self.finish(vertices, &atlas)
+        let (level, report) = self.finish(vertices, &atlas)?;
+        self.run.validate(StageId::Maps, || level.validate());
+        Ok((level, report))
     }
 
     /// Charts and texture coordinates, denser where more is seen.

@@ -339,7 +339,7 @@ mod tests {
             let mut overrides = crate::settings::BakeOverrides::default();
             overrides.set(name, value).expect(name);
             let layer = crate::settings::Layer { origin: crate::settings::Origin::CommandLine, overrides };
-            let changed = crate::settings::resolve(vec![layer]).settings;
+            let changed = crate::settings::resolve(vec![layer]).expect(name).settings;
             assert_ne!(Params::new(&changed), base, "{name}");
         }
     }
