@@ -4,17 +4,20 @@ use glam::{DVec2, DVec3, Vec3, Vec3A};
 
 /// The normal of a triangle times twice its area, in double precision; [`crate::data::TriMesh::area_vector`] is the one
 /// in single precision.
+#[inline]
 pub(crate) fn area_vector(&[a, b, c]: &[DVec3; 3]) -> DVec3 {
     (b - a).cross(c - a)
 }
 
 /// Twice the signed area of a triangle in the plane; positive if it runs counter-clockwise with y up.
+#[inline]
 pub(crate) fn doubled_area(&[a, b, c]: &[DVec2; 3]) -> f64 {
     (b - a).perp_dot(c - a)
 }
 
 /// The point of a triangle nearest to `p` (Ericson 2005, 5.1.5). Degenerate triangles give a point of one of their
 /// edges.
+#[inline]
 pub fn closest_point(p: Vec3A, &[a, b, c]: &[Vec3A; 3]) -> Vec3A {
     let (ab, ac, ap) = (b - a, c - a, p - a);
     let (d1, d2) = (ab.dot(ap), ac.dot(ap));
@@ -67,6 +70,7 @@ pub(crate) fn clamped_barycentric(p: Vec3, corners: [Vec3; 3]) -> [f32; 3] {
 }
 
 /// Distance along a ray to a triangle, in units of the direction (Möller and Trumbore 1997); both sides count.
+#[inline]
 pub(super) fn ray_distance(origin: Vec3A, direction: Vec3A, &[a, b, c]: &[Vec3A; 3]) -> Option<f32> {
     let (e1, e2) = (b - a, c - a);
     let p = direction.cross(e2);
