@@ -7,19 +7,19 @@ use crate::data::{Candidate, Cards, Deviation, TriMesh};
 /// A mesh within a budget.
 #[derive(Clone, Debug)]
 pub struct Shape {
-    /// World space.
+    /// The mesh, in world space.
     pub mesh: TriMesh,
-    /// Back faces are seen too.
+    /// True if back faces are visible.
     pub double_sided: bool,
     /// The candidate that it came from.
     pub candidate: Candidate,
-    /// Error against the views of the source that no texture removes, mean square per pixel.
+    /// Error against the views of the source that no texture removes: mean square per pixel.
     pub render_error: f64,
     /// Distances to the source, in the rest pose.
     pub deviation: Deviation,
     /// Number of self-intersecting faces.
     pub self_intersecting: usize,
-    /// Why the mesh may have fewer faces than its budget.
+    /// The reason if the mesh has fewer faces than its budget.
     pub shortfall: Shortfall,
     /// Faces that are cut-out cards, if the source is foliage.
     pub cards: Option<Cards>,
@@ -50,7 +50,9 @@ impl fmt::Display for Shortfall {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
             Self::VisibleFaces => "the visible surface of the source has no more faces",
-            Self::Components => "small components vanish several faces at a time, and the next face would be one too many",
+            Self::Components => {
+                "small components vanish several faces at a time, and the next face would be one too many"
+            }
             Self::JointPlanes => "faces were kept free for the joint planes, which add fewer",
             Self::Leaves => "there are too few leaves for more cards",
         })
