@@ -93,7 +93,7 @@ mod tests {
     fn an_outdated_bake_changes_nothing() {
         let path = AssetPath::from("a/b.glb");
         let [old, new] = ["1", "2"].map(|version| KeyBuilder::new(version).finish());
-        let baking = |fraction| BakeStatus::Baking { stage: StageId::Shape, fraction };
+        let baking = |fraction| BakeStatus::Baking { stage: StageId::Simplify, fraction };
         let mut bakes = Bakes::default();
         bakes.advance(&path, old, baking(0.1));
         assert_eq!(bakes.get(&path), None);

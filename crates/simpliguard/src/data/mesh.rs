@@ -19,8 +19,7 @@ impl TriMesh {
 
     /// Twice the area of triangle `t` times its unit normal.
     pub fn area_vector(&self, t: usize) -> Vec3 {
-        let [a, b, c] = self.corners(t);
-        (b - a).cross(c - a)
+        area_vector(self.corners(t))
     }
 
     /// The triangles that `keep` holds true for, vertices renumbered in order of first use.
@@ -62,6 +61,12 @@ impl TriMesh {
     pub fn bounds(&self) -> (Vec3, Vec3) {
         bounds(&self.positions)
     }
+}
+
+/// Twice the area of a triangle times its unit normal.
+#[inline]
+pub fn area_vector([a, b, c]: [Vec3; 3]) -> Vec3 {
+    (b - a).cross(c - a)
 }
 
 /// Lower and upper corner of the box around `positions`; both zero if there are none.

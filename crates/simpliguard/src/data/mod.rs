@@ -18,6 +18,6 @@ pub use deviation::Deviation;
 pub use level::{Level, LevelMaterial, LevelMesh, LevelMorph, LevelTextures};
 pub use material::{AlphaMode, Material, TextureRef};
 pub use material_weight::MaterialWeight;
-pub use mesh::{TriMesh, bounds};
+pub use mesh::{TriMesh, area_vector, bounds};
 pub use model::{Bone, Document, Influences, Model, MorphTarget, Morphs, Pose, Rig, SMALLEST_EXTENT, Surface};
 pub use texture::{Texture, Wrap, linear_to_srgb, srgb_to_linear};

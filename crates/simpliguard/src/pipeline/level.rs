@@ -156,7 +156,7 @@ impl LevelMaker<'_> {
     /// Moves the vertices by differentiable rendering, and the joint weights with them.
     fn refine(&self, textured: Textured, influences: Vec<Influences>) -> Result<Vertices, Error> {
         let Textured { mut low, fit } = textured;
-        let key = self.all.shapes.key.map(|shapes| vertices_key(&shapes, &self.level, self.budget));
+        let key = self.all.shapes.key.map(|shapes| vertices_key(&shapes, &self.params, self.budget));
         let (positions, (influences, refined)) = self.run.stored(StageId::Refine, key, || {
             let moved = self.move_vertices(low.clone(), fit, influences);
             if let Some(key) = self.run.key(|| warm_start_key(&self.shape.mesh)) {

@@ -256,6 +256,8 @@ fn refine(settings: &BakeSettings) -> RefinementParams {
             steps: settings.refine_steps,
             coarse: settings.coarse_steps,
             step_length: settings.step_length,
+            // The texture decides on its fit.
+            texture: None,
             gradient_weight: settings.gradient_weight,
             laplacian_weight: settings.laplacian_weight,
             distance_weight: settings.distance_weight,

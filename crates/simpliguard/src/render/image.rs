@@ -3,6 +3,8 @@
 use glam::{Vec3, Vec4, Vec4Swizzles};
 use image::{Rgba, RgbaImage};
 
+use super::two_by_two::two_by_two;
+
 /// A square image: sRGB encoded, colours premultiplied by coverage, rows from the bottom.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Image {
@@ -24,8 +26,7 @@ impl Image {
     pub fn halved(&self) -> Option<Self> {
         let size = self.size.is_multiple_of(2).then_some(self.size / 2)?;
         let pixel = |i: usize| {
-            let k = 2 * (i / size.max(1) * self.size + i % size.max(1));
-            let four = [k, k + 1, k + self.size, k + self.size + 1].map(|k| self.pixels[k]);
+            let four = two_by_two(i, self.size).map(|k| self.pixels[k]);
             std::array::from_fn(|lane| ((four.iter().map(|p| u16::from(p[lane])).sum::<u16>() + 2) / 4) as u8)
         };
         Some(Self { size, pixels: (0..size * size).map(pixel).collect() })

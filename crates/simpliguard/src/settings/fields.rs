@@ -72,9 +72,9 @@ macro_rules! settings {
                 is_set
             }
 
-            /// The values of the fields as RON, in their order.
-            pub(super) fn ron_values(&self) -> Vec<String> {
-                vec![$( self.$name.ron() ),+]
+            /// Name and value as RON of each field, in their order.
+            pub(super) fn entries(&self) -> Vec<(&'static str, String)> {
+                vec![$( (stringify!($name), self.$name.ron()) ),+]
             }
         }
 

@@ -4,7 +4,7 @@ use std::fmt;
 
 use super::choices::Quality;
 use super::field::FieldInfo;
-use super::fields::{BakeOverrides, BakeSettings, NAMES, reference};
+use super::fields::{BakeOverrides, BakeSettings, reference};
 use crate::Error;
 
 /// The origin of a value. File names are as the caller gave them.
@@ -93,8 +93,8 @@ pub struct Effective<'a> {
 impl Resolved {
     /// Every field with value and origin, in the order of the reference.
     pub fn effective(&self) -> impl Iterator<Item = Effective<'_>> {
-        let values = NAMES.iter().zip(self.settings.ron_values());
-        values.zip(&self.origins).map(|((name, value), origin)| Effective { name, value, origin })
+        let entries = self.settings.entries().into_iter();
+        entries.zip(&self.origins).map(|((name, value), origin)| Effective { name, value, origin })
     }
 
     /// The origin of the value of a field; `None` if there is no such field.

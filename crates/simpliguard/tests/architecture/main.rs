@@ -6,6 +6,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 use imports::Crate;
+use simpliguard::{STAGES, Stage};
 
 /// Folders of this crate from the bottom to the top. Folders of one row do not import each other.
 const LAYERS: [&[&str]; 7] = [
@@ -27,6 +28,18 @@ fn crates() -> Vec<Crate> {
     let mut roots: Vec<PathBuf> = entries.filter(|src| src.is_dir()).collect();
     roots.sort();
     roots.iter().map(|src| Crate::read(src)).collect()
+}
+
+#[test]
+fn the_table_of_stages_is_current() {
+    const ARCHITECTURE: &str = include_str!("../../../../ARCHITECTURE.md");
+    let row = |stage: &Stage| {
+        let Stage { id, version, purpose, weight, per_level } = stage;
+        let runs = if *per_level { "for each level" } else { "once" };
+        format!("| `{id}` | {version} | {runs} | {weight} % | {purpose} |\n")
+    };
+    let table: String = STAGES.iter().map(row).collect();
+    assert!(ARCHITECTURE.contains(&table), "the table of stages in ARCHITECTURE.md should read:\n{table}");
 }
 
 #[test]
