@@ -1,4 +1,4 @@
-//! The one error type of the chain.
+//! The one error type of the crate.
 
 use std::fmt;
 
