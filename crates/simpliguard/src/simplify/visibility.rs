@@ -104,7 +104,7 @@ pub(super) mod tests {
     use super::*;
 
     /// A unit tetrahedron inside one five times as large.
-    pub(in crate::simplify) fn nested() -> TriMesh {
+    pub(crate) fn nested() -> TriMesh {
         let corners = [[-1.0, -1.0, -1.0], [1.0, 1.0, -1.0], [1.0, -1.0, 1.0], [-1.0, 1.0, 1.0]].map(Vec3::from);
         let faces = [[0, 1, 2], [0, 3, 1], [0, 2, 3], [1, 3, 2]];
         TriMesh {

@@ -95,7 +95,7 @@ pub(super) mod tests {
 
     /// A tube of square section along x from 0 to 2 around the arm, open at the ends, with `rings` rings of four
     /// vertices. The weights go from bone 0 to bone 1 around x = 0.9, where the elbow bends.
-    pub(in crate::skinning) fn tube(rings: usize) -> Model {
+    pub(crate) fn tube(rings: usize) -> Model {
         let mut model = arm();
         for i in 0..rings {
             let x = 2.0 * i as f32 / (rings - 1) as f32;

@@ -25,7 +25,7 @@ struct CollapseRules {
 
 impl Simplifier {
     /// Collapses until at most `target` faces are left or no collapse is possible. Returns the number of faces left.
-    pub(in crate::simplify) fn run(&mut self, target: usize) -> usize {
+    pub(crate) fn run(&mut self, target: usize) -> usize {
         let strict = CollapseRules { min_cosine: MIN_COSINE, may_intersect: false };
         if self.live_faces > COARSE_ABOVE * target {
             self.fill_queue(Precision::Coarse);

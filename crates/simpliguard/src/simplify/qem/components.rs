@@ -20,7 +20,7 @@ struct Component {
 impl Simplifier {
     /// Removes components whose share of the mass is worth less than `faces` of `target` faces; together at most a
     /// fiftieth of the mass.
-    pub(in crate::simplify) fn remove_negligible_components(&mut self, target: usize, faces: f64) {
+    pub(crate) fn remove_negligible_components(&mut self, target: usize, faces: f64) {
         let components = self.components();
         let total: f64 = components.iter().map(|c| c.mass).sum();
         let mut left = total / NEGLIGIBLE_SHARE;
@@ -34,7 +34,7 @@ impl Simplifier {
     }
 
     /// Removes the faces for which `unwanted` holds. They are numbered as in the present mesh.
-    pub(in crate::simplify) fn remove_faces(&mut self, unwanted: &[bool]) {
+    pub(crate) fn remove_faces(&mut self, unwanted: &[bool]) {
         let faces: Vec<u32> = self.live().zip(unwanted).filter(|(_, unwanted)| **unwanted).map(|(f, _)| f).collect();
         self.remove_all(&faces);
         self.split_pinched_vertices();

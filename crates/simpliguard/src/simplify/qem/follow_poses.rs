@@ -11,7 +11,7 @@ use crate::geometry::area_vector;
 impl Simplifier {
     /// Counts the error in `poses` poses from here on. Together they weigh as much as the rest pose. `motions` returns
     /// the motions of positions in the coordinates of the simplifier.
-    pub(in crate::simplify) fn follow(&mut self, poses: usize, motions: impl FnOnce(&[Vec3]) -> Motions) {
+    pub(crate) fn follow(&mut self, poses: usize, motions: impl FnOnce(&[Vec3]) -> Motions) {
         let live: Vec<u32> = (0..self.first.len() as u32).filter(|&v| self.first[v as usize] != NO_CORNER).collect();
         let positions: Vec<Vec3> = live.iter().map(|&v| self.positions[v as usize].as_vec3()).collect();
         let motions = motions(&positions);

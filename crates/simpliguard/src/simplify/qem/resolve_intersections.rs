@@ -42,7 +42,7 @@ struct Limits<'a> {
 impl Simplifier {
     /// Moves vertices until fewer faces, at best none, are self-intersecting, and watches self-intersections from here
     /// on. Contacts up to a depth of `depth` mean edge lengths are resolved.
-    pub(in crate::simplify) fn resolve_intersections(&mut self, depth: f64) {
+    pub(crate) fn resolve_intersections(&mut self, depth: f64) {
         if self.tree.is_none() {
             self.watch_intersections();
         }

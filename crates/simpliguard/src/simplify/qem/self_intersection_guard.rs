@@ -10,7 +10,7 @@ type PatchFace = (u32, [DVec3; 3]);
 
 impl Simplifier {
     /// Watches self-intersections from here on: whatever makes more pairs of faces intersect is refused.
-    pub(in crate::simplify) fn watch_intersections(&mut self) {
+    pub(crate) fn watch_intersections(&mut self) {
         self.tree = Some(FaceTree::new(self.faces.len(), self.live().map(|f| (f, self.corners(f)))));
     }
 

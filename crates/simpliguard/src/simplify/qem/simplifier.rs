@@ -16,7 +16,7 @@ const REMOVED: u32 = u32::MAX;
 
 /// A mesh on its way down to a budget.
 #[derive(Clone)]
-pub(in crate::simplify) struct Simplifier {
+pub(crate) struct Simplifier {
     pub(super) positions: Vec<DVec3>,
     /// Quadrics of the distance to planes, for each vertex.
     pub(super) planes: Vec<Planes>,
@@ -84,7 +84,7 @@ pub(super) struct QueuedCollapse {
 impl Simplifier {
     /// A simplifier of a manifold mesh, with or without boundary. `weights` multiply the quadric of each face in place
     /// of its area; `curvature` is the weight of the curvature constraint. The mesh should fit the unit sphere.
-    pub(in crate::simplify) fn new(mesh: &TriMesh, weights: &[f64], curvature: f64) -> Self {
+    pub(crate) fn new(mesh: &TriMesh, weights: &[f64], curvature: f64) -> Self {
         let vertices = mesh.positions.len();
         let mut out = Self {
             positions: mesh.positions.iter().map(|p| p.as_dvec3()).collect(),
@@ -116,22 +116,22 @@ impl Simplifier {
     }
 
     /// Stops collapsing once `cancellation` is set.
-    pub(in crate::simplify) fn stop_with(&mut self, cancellation: &Cancellation) {
+    pub(crate) fn stop_with(&mut self, cancellation: &Cancellation) {
         self.cancellation = cancellation.clone();
     }
 
     /// The present number of faces.
-    pub(in crate::simplify) fn faces(&self) -> usize {
+    pub(crate) fn faces(&self) -> usize {
         self.live_faces
     }
 
     /// True if a budget was met only by collapses that add self-intersections.
-    pub(in crate::simplify) fn is_stuck(&self) -> bool {
+    pub(crate) fn is_stuck(&self) -> bool {
         self.is_stuck
     }
 
     /// The present mesh.
-    pub(in crate::simplify) fn mesh(&self) -> TriMesh {
+    pub(crate) fn mesh(&self) -> TriMesh {
         let all = TriMesh {
             positions: self.positions.iter().map(|p| p.as_vec3()).collect::<Vec<Vec3>>(),
             triangles: self.live().map(|f| self.face(f)).collect(),

@@ -125,7 +125,7 @@ pub(super) mod tests {
     use super::*;
 
     /// Two quads in place of thirty-two.
-    pub(in crate::skinning::fit) fn coarse() -> TriMesh {
+    pub(crate) fn coarse() -> TriMesh {
         let positions =
             [0.0, 2.0, 4.0].iter().flat_map(|&x| [Vec3::new(x, 0.0, 0.0), Vec3::new(x, 1.0, 0.0)]).collect();
         TriMesh { positions, triangles: vec![[0, 2, 3], [0, 3, 1], [2, 4, 5], [2, 5, 3]] }
