@@ -15,7 +15,7 @@ pub(super) enum Limit {
 }
 
 impl Limit {
-    fn allows_whole(self, value: u32) -> bool {
+    pub(super) fn allows_whole(self, value: u32) -> bool {
         match self {
             Self::None => true,
             Self::Between(low, high) => (low..=high).contains(&f64::from(value)),
