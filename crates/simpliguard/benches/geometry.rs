@@ -1,27 +1,28 @@
-//! Reconstruction and collapse, beside meshoptimizer on the same mesh in the same run: machines differ, ratios do not.
+//! Speed of reconstruction and collapse, with meshoptimizer on the same mesh in the same run for comparison: machines
+//! differ, ratios do not.
 //!
-//! `cargo bench -p simpliguard --bench geometry`; the throughput is in triangles of the input. `SIMPLIGUARD_BENCH_MODEL` names a
-//! glTF, such as a scan, that is shaped as well.
+//! `cargo bench -p simpliguard --bench geometry`; the throughput is in triangles of the input.
+//! `SIMPLIGUARD_BENCH_MODEL` names a glTF, such as a scan, that is simplified as well.
 
 use divan::counter::ItemsCount;
 use divan::{Bencher, black_box};
 use glam::Vec3;
-use simpliguard::data::{Material, Model, Reconstruction, Surface, TriMesh};
+use simpliguard::data::{Influences, Material, Model, Reconstruction, Surface, TriMesh};
 use simpliguard::geometry::{BoundingSphere, Bvh};
 use simpliguard::reconstruct::reconstruct;
 use simpliguard::render::{SurfaceSampler, take_views, viewpoints};
 use simpliguard::settings::BakeSettings;
-use simpliguard::skinning::SkinSource;
-use simpliguard::{Cancellation, Context, NoResources, Source, gltf, simplify};
+use simpliguard::simplify::{self, DeviationMetric, Inputs, OpaqueSurface, SimplifyParams, Tools};
+use simpliguard::{Cancellation, NoResources, Params, Source, gltf};
 
-/// Faces left by each collapse.
+/// Faces left after each collapse.
 const TARGET: usize = 4000;
 
 fn main() {
     divan::main();
 }
 
-/// A bumpy torus of `2 n n` triangles: smooth, curved both ways, with a hole.
+/// A bumpy torus of `2 n n` triangles: smooth, curved in both directions, with a hole.
 fn torus(n: u32) -> TriMesh {
     let angle = |i: u32| i as f32 / n as f32 * std::f32::consts::TAU;
     let at = |i: u32| {
@@ -67,7 +68,7 @@ fn collapse_by_meshopt(bencher: Bencher<'_, '_>, n: u32) {
     });
 }
 
-/// Reconstructions, collapses and the choice between them, for the three levels of the default settings.
+/// The stage `simplify` with reconstruction, for the three levels of the default settings.
 #[divan::bench(args = SIZES, sample_count = 1)]
 fn shape_three_levels(bencher: Bencher<'_, '_>, n: u32) {
     let mesh = torus(n);
@@ -87,29 +88,53 @@ fn shape_three_levels_of_a_model(bencher: Bencher<'_, '_>) {
     let Ok(path) = std::env::var("SIMPLIGUARD_BENCH_MODEL") else { return };
     let bytes = std::fs::read(&path).expect("the model can be read");
     let source = Source { name: &path, bytes: &bytes, resources: &NoResources };
-    shape_of(bencher, &gltf::import(&source, &gltf::Limits::default()).expect("the model is sound"));
+    shape_of(bencher, &gltf::import(&source, &gltf::ImportLimits::default()).expect("the model is sound"));
 }
 
 fn shape_of(bencher: Bencher<'_, '_>, model: &Model) {
     let surface = &model.surface;
-    let (frame, sampler) = (BoundingSphere::around(&surface.positions), SurfaceSampler::new(model));
-    let views = take_views(&sampler, &viewpoints(&frame, 48, 1), 512);
-    let params = simplify::Params::new(&BakeSettings::default(), &[1000, 2000, 4000]);
+    let (sphere, sampler) = (BoundingSphere::around(&surface.positions), SurfaceSampler::new(model));
+    let views = take_views(&sampler, &viewpoints(&sphere, 48, 1), 512);
+    let Params { candidates, collapse, .. } = Params::new(&BakeSettings::default());
+    let params = SimplifyParams { budgets: vec![1000, 2000, 4000], candidates, collapse };
     bencher.counter(ItemsCount::new(surface.triangles.len())).bench_local(|| {
         let bvh = Bvh::new(&surface.positions, &surface.triangles);
-        let (solid, skin_source) = (simplify::OpaqueSurface::of(&sampler), SkinSource::new(model, &bvh));
-        let inputs = simplify::Inputs {
+        let opaque = OpaqueSurface::of(&sampler);
+        let inputs = Inputs {
             model,
             bvh: &bvh,
-            skin_source: &skin_source,
-            opaque: &solid,
-            deviation_metric: &simplify::DeviationMetric::new(&solid),
-            frame,
+            components: &[],
+            opaque: &opaque,
+            deviation_metric: &DeviationMetric::new(&opaque),
+            sphere,
             views: &views,
             poses: None,
             importance: None,
+            tools: &StillTools,
             cancellation: &Cancellation::default(),
         };
-        simplify::shape(black_box(&inputs), &params, &Context::default()).expect("shapes")
+        let generate = |candidate| Ok(simplify::generate(&inputs, &params, candidate));
+        simplify::simplify(black_box(&inputs), &params, &generate).expect("shapes")
     });
+}
+
+/// The other stages, for a model that does not move.
+struct StillTools;
+
+impl Tools for StillTools {
+    fn reconstruct(&self, mesh: &TriMesh, bvh: &Bvh, params: &Reconstruction) -> TriMesh {
+        reconstruct(mesh, bvh, params, &Cancellation::default())
+    }
+
+    fn influences(&self, _: &TriMesh) -> Vec<Influences> {
+        Vec::new()
+    }
+
+    fn has_joint_planes(&self) -> bool {
+        false
+    }
+
+    fn split_at_joints(&self, mesh: &TriMesh, _: usize) -> TriMesh {
+        mesh.clone()
+    }
 }

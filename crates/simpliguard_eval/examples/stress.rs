@@ -12,7 +12,7 @@ use simpliguard::animation::Skeleton;
 use simpliguard::data::{Level, Model, TriMesh};
 use simpliguard::geometry::BoundingSphere;
 use simpliguard::render::{Camera, Light, Renderer, SurfaceSampler};
-use simpliguard::settings::{BakeSettings, JointPlanes};
+use simpliguard::settings::{BakeSettings, JointSplitting};
 use simpliguard::{Context, NoResources, Source, bake};
 use simpliguard_eval::stress::{Bend, Hinge, bends, bent, hinges};
 
@@ -80,7 +80,7 @@ fn stress(file: &Path, arguments: &Arguments) -> Result<Vec<RgbImage>, Box<dyn E
     let name = file.file_stem().unwrap_or_default().to_string_lossy().into_owned();
     let source = Source { name: &name, bytes: &bytes, resources: &NoResources };
     let mut made: Vec<(Model, Level)> = Vec::new();
-    for joint_planes in [JointPlanes::Off, JointPlanes::BeforeUnwrap] {
+    for joint_planes in [JointSplitting::Off, JointSplitting::BeforeUnwrap] {
         let default = BakeSettings::default();
         let poses = arguments.poses.unwrap_or(default.poses);
         let settings = BakeSettings { faces: vec![arguments.faces], poses, joint_planes, ..default };

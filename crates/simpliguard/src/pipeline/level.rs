@@ -16,7 +16,7 @@ use crate::data::{Atlas, Candidate, Influences, Level, TriMesh};
 use crate::geometry::Topology;
 use crate::refine::{self, LowPoly, RefineParams, Refined, Skin, TexelGrid, TextureFit, ViewTarget};
 use crate::render::SurfaceSample;
-use crate::settings::JointPlanes;
+use crate::settings::JointSplitting;
 use crate::simplify::{self, Shape};
 use crate::skinning;
 use crate::texture::{self, Channels};
@@ -211,7 +211,7 @@ impl LevelMaker<'_> {
     /// Splits the faces along the joint planes, if that comes last: the new faces keep their place in the atlas.
     fn split_at_joints(&self, vertices: Vertices, atlas: Atlas) -> (Vertices, Atlas) {
         let planes = &self.all.source.joint_planes;
-        let is_last = self.all.params.joint_planes.when == JointPlanes::AfterRefine;
+        let is_last = self.all.params.joint_planes.when == JointSplitting::AfterRefine;
         if !is_last || planes.is_empty() || self.shape.cards.is_some() {
             return (vertices, atlas);
         }
@@ -219,12 +219,12 @@ impl LevelMaker<'_> {
         let model = self.all.source.index.model;
         let split = skinning::split_along(model, &low.mesh(), &influences, planes, self.budget as usize);
         influences.extend(self.influences(&split.mesh).into_iter().skip(influences.len()));
-        let uvs = split.parts.iter().map(|(face, places)| {
+        let uvs = split.origins.iter().map(|(face, places)| {
             let [a, b, c] = atlas.uvs[*face as usize];
             places.map(|place| a * place.x + b * place.y + c * place.z)
         });
         let uvs = uvs.collect();
-        let chart = split.parts.iter().map(|(face, _)| atlas.chart[*face as usize]).collect();
+        let chart = split.origins.iter().map(|(face, _)| atlas.chart[*face as usize]).collect();
         let atlas = Atlas { uvs, chart, ..atlas };
         let low = LowPoly::new(&split.mesh, &atlas, low.double_sided, low.texture);
         let low = low.with_motions(self.motions(&influences));

@@ -8,7 +8,7 @@ use crate::gltf::ExportParams;
 use crate::refine::{RefineParams, Solver, TextureAdam};
 use crate::render::ViewParams;
 use crate::settings::{
-    BakeSettings, Candidates, ExistingLods, InitialTexture, JointPlanes, MorphTargets, Resolution, SkinTransfer,
+    BakeSettings, Candidates, ExistingLods, InitialTexture, JointSplitting, MorphTargets, Resolution, SkinTransfer,
     SourceGeometry, Target, TextureSolver,
 };
 use crate::simplify::{CandidateParams, CollapseParams, ImportanceParams};
@@ -74,7 +74,7 @@ pub struct ImportParams {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct JointPlaneParams {
     /// When faces are split.
-    pub when: JointPlanes,
+    pub when: JointSplitting,
     /// Largest difference of the two largest weights of a vertex between two bones.
     pub delta: f32,
 }
@@ -131,7 +131,7 @@ impl Params {
                 remove_invisible: settings.remove_invisible && !settings.watertight,
                 visible_weight: f64::from(settings.visible_weight),
                 curvature: f64::from(settings.curvature),
-                split_at_joints: settings.joint_planes == JointPlanes::BeforeUnwrap,
+                split_at_joints: settings.joint_planes == JointSplitting::BeforeUnwrap,
             },
             joint_planes: JointPlaneParams { when: settings.joint_planes, delta: settings.joint_delta },
             skinning: skinning(settings),

@@ -87,7 +87,7 @@ impl ShapeFinder<'_> {
         let inputs = Inputs {
             model: index.model,
             bvh: &index.bvh,
-            parts: source.skin_source.parts(),
+            components: source.skin_source.components(),
             opaque: &index.opaque,
             deviation_metric: &source.deviation_metric,
             sphere: index.sphere,

@@ -7,7 +7,7 @@ use crate::data::{Influences, Model, Reconstruction, TriMesh};
 use crate::geometry::{BoundingSphere, Bvh};
 use crate::reconstruct::reconstruct;
 use crate::render::{SurfaceSampler, ViewParams, ViewRenderer};
-use crate::settings::JointPlanes;
+use crate::settings::JointSplitting;
 use crate::simplify::{DeviationMetric, Importance, OpaqueSurface, Tools};
 use crate::skinning::{self, JointPlane, SkinSource, Transfer};
 use crate::{Cancellation, Error, Source, StageId, content_hash};
@@ -78,8 +78,8 @@ impl<'a> PreparedSource<'a> {
 
 fn joint_planes(model: &Model, params: &JointPlaneParams) -> Vec<JointPlane> {
     match params.when {
-        JointPlanes::Off => Vec::new(),
-        JointPlanes::BeforeUnwrap | JointPlanes::AfterRefine => skinning::joint_planes(model, params.delta),
+        JointSplitting::Off => Vec::new(),
+        JointSplitting::BeforeUnwrap | JointSplitting::AfterRefine => skinning::joint_planes(model, params.delta),
     }
 }
 

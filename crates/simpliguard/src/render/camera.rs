@@ -14,14 +14,15 @@ pub struct Camera {
 }
 
 impl Camera {
-    /// Looks along `-direction` at the frame, which fits the image `1 / margin` times, with a vertical field of view of `fov` radians.
-    pub fn orbit(frame: &BoundingSphere, direction: Vec3, fov: f32, margin: f32) -> Self {
+    /// A camera that looks along `-direction` at the centre of a sphere, with a vertical field of view of `fov`
+    /// radians. The sphere takes up `1 / margin` of the image.
+    pub fn orbit(sphere: &BoundingSphere, direction: Vec3, fov: f32, margin: f32) -> Self {
         let half = 0.5 * fov;
-        let distance = frame.radius * margin / libm::sinf(half);
-        let eye = frame.centre + direction * distance;
+        let distance = sphere.radius * margin / libm::sinf(half);
+        let eye = sphere.centre + direction * distance;
         let up = if direction.y.abs() > 0.99 { Vec3::X } else { Vec3::Y };
         let view = Mat4::look_to_rh(eye, -direction, up);
-        let (near, far) = ((distance - 1.1 * frame.radius).max(distance * 1e-3), distance + 1.1 * frame.radius);
+        let (near, far) = ((distance - 1.1 * sphere.radius).max(distance * 1e-3), distance + 1.1 * sphere.radius);
         Self { view_projection: perspective(libm::tanf(half), near, far) * view, eye }
     }
 
@@ -31,7 +32,8 @@ impl Camera {
     }
 }
 
-/// Perspective projection; `Mat4::perspective_rh_gl` takes its tangent from the platform, which may differ in the last bit.
+/// Perspective projection. `Mat4::perspective_rh_gl` takes its tangent from the platform; that may differ in the last
+/// bit.
 fn perspective(tan_half: f32, near: f32, far: f32) -> Mat4 {
     let f = 1.0 / tan_half;
     let depth = 1.0 / (near - far);
@@ -43,9 +45,9 @@ fn perspective(tan_half: f32, near: f32, far: f32) -> Mat4 {
     )
 }
 
-/// `n` cameras around the frame: an evenly spread set of directions, turned at random, with field of view and distance
-/// varied from view to view so that no single framing is fitted.
-pub fn viewpoints(frame: &BoundingSphere, n: usize, seed: u64) -> Vec<Camera> {
+/// `n` cameras around a sphere, in evenly spread directions that are rotated at random. Field of view and distance
+/// vary, so that nothing is fitted to a single framing.
+pub fn viewpoints(sphere: &BoundingSphere, n: usize, seed: u64) -> Vec<Camera> {
     let mut random = Random::new(seed);
     let turn = random.rotation();
     fibonacci_directions(n)
@@ -53,7 +55,7 @@ pub fn viewpoints(frame: &BoundingSphere, n: usize, seed: u64) -> Vec<Camera> {
         .map(|d| {
             let fov = (30.0 + 16.0 * random.unit()).to_radians();
             let margin = 1.0 + 0.12 * random.unit();
-            Camera::orbit(frame, (turn * d).normalize(), fov, margin)
+            Camera::orbit(sphere, (turn * d).normalize(), fov, margin)
         })
         .collect()
 }
@@ -63,13 +65,13 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_frame_fills_the_image() {
-        let frame = BoundingSphere { centre: Vec3::new(1.0, 2.0, 3.0), radius: 2.0 };
-        let camera = Camera::orbit(&frame, Vec3::Z, 0.7, 1.0);
-        let centre = camera.project(&[frame.centre])[0];
+    fn the_sphere_fills_the_image() {
+        let sphere = BoundingSphere { centre: Vec3::new(1.0, 2.0, 3.0), radius: 2.0 };
+        let camera = Camera::orbit(&sphere, Vec3::Z, 0.7, 1.0);
+        let centre = camera.project(&[sphere.centre])[0];
         assert!((centre.x / centre.w).abs() < 1e-6 && (centre.y / centre.w).abs() < 1e-6);
-        // The silhouette of a sphere touches the border where the tangent ray meets it.
-        let tangent = frame.centre + 2.0 * Vec3::new(libm::cosf(0.35), 0.0, libm::sinf(0.35));
+        // The silhouette of the sphere touches the border of the image.
+        let tangent = sphere.centre + 2.0 * Vec3::new(libm::cosf(0.35), 0.0, libm::sinf(0.35));
         let edge = camera.project(&[tangent])[0];
         assert!((edge.x / edge.w - 1.0).abs() < 1e-5, "{}", edge.x / edge.w);
     }
@@ -83,8 +85,8 @@ mod tests {
 
     #[test]
     fn equal_seeds_give_equal_cameras() {
-        let frame = BoundingSphere { centre: Vec3::ZERO, radius: 1.0 };
-        assert_eq!(viewpoints(&frame, 8, 7), viewpoints(&frame, 8, 7));
-        assert_ne!(viewpoints(&frame, 8, 7), viewpoints(&frame, 8, 8));
+        let sphere = BoundingSphere { centre: Vec3::ZERO, radius: 1.0 };
+        assert_eq!(viewpoints(&sphere, 8, 7), viewpoints(&sphere, 8, 7));
+        assert_ne!(viewpoints(&sphere, 8, 7), viewpoints(&sphere, 8, 8));
     }
 }

@@ -1,8 +1,8 @@
-//! Scanline rasterisation into a visibility buffer: which triangle each pixel sees, and how far away it is.
+//! Scanline rasterisation into a visibility buffer: the visible triangle of each pixel, and its depth.
 
 use glam::{Vec2, Vec3, Vec4};
 
-/// Triangle id of a pixel that sees nothing.
+/// Triangle of a pixel that no triangle covers.
 pub const EMPTY_PIXEL: u32 = u32::MAX;
 
 /// A half-open rectangle of pixels.
@@ -19,7 +19,7 @@ pub struct Rect {
 }
 
 impl Rect {
-    /// The pixels that `clip` space positions may cover in an image of `size`, grown by `margin` pixels.
+    /// The pixels that triangles with corners at `clip` may cover in an image of `size`, extended by `margin` pixels.
     pub fn around(clip: &[Vec4], size: usize, margin: usize) -> Self {
         let (mut low, mut high) = (Vec2::splat(f32::MAX), Vec2::splat(f32::MIN));
         for p in clip.iter().map(|&c| to_pixels(c, size)) {
@@ -35,7 +35,7 @@ impl Rect {
         }
     }
 
-    /// Grown to whole blocks of `n` x `n` pixels.
+    /// The rectangle extended to whole blocks of `n` x `n` pixels.
     pub fn aligned(&self, n: usize) -> Self {
         let up = |x: usize| x.next_multiple_of(n);
         Self { x0: self.x0 / n * n, y0: self.y0 / n * n, x1: up(self.x1), y1: up(self.y1) }
@@ -52,7 +52,8 @@ impl Rect {
     }
 }
 
-/// Clip space to pixels of a square image: pixel centres at whole numbers, row 0 at the bottom, depth in z.
+/// From clip space to pixels of a square image: pixel centres are at whole numbers, row 0 is at the bottom, z is the
+/// depth.
 #[inline]
 pub(crate) fn to_pixels(clip: Vec4, size: usize) -> Vec3 {
     let inverse = 1.0 / clip.w;
@@ -66,20 +67,20 @@ pub(crate) fn pixel_to_ndc(i: usize, size: usize) -> f32 {
     (2 * i + 1) as f32 / size as f32 - 1.0
 }
 
-/// A square visibility buffer, reused from view to view.
+/// A square visibility buffer.
 pub struct Raster {
     /// Side in pixels.
     pub size: usize,
-    /// Triangle of each pixel or [`EMPTY_PIXEL`], rows from the bottom.
+    /// Visible triangle of each pixel, or [`EMPTY_PIXEL`]; rows from the bottom.
     pub ids: Vec<u32>,
-    /// Depth of each pixel, -1 near to 1 far; `f32::MAX` where nothing is seen.
+    /// Depth of each pixel, -1 near to 1 far; `f32::MAX` for an empty pixel.
     pub depth: Vec<f32>,
 }
 
 /// A triangle set up for scan conversion.
 struct Setup {
     corners: [Vec3; 3],
-    /// depth = z.x + z.y * x + z.z * y
+    /// The depth at pixel `(x, y)` is `plane.x + plane.y * x + plane.z * y`.
     plane: Vec3,
 }
 
@@ -89,7 +90,7 @@ impl Raster {
         Self { size, ids: vec![EMPTY_PIXEL; size * size], depth: vec![f32::MAX; size * size] }
     }
 
-    /// Forgets what was drawn within `rect`.
+    /// Empties the pixels within `rect`.
     pub fn clear(&mut self, rect: Rect) {
         for y in rect.rows() {
             let row = y * self.size;
@@ -98,9 +99,9 @@ impl Raster {
         }
     }
 
-    /// Draws opaque triangles; back faces only where `double_sided(t)`.
+    /// Draws opaque triangles. Back faces are drawn only where `double_sided(t)`.
     pub fn draw(&mut self, clip: &[Vec4], triangles: &[[u32; 3]], double_sided: impl Fn(usize) -> bool) {
-        let pixels = self.place(clip);
+        let pixels = self.pixel_corners(clip);
         for (t, triangle) in triangles.iter().enumerate() {
             let corners = triangle.map(|v| pixels[v as usize]);
             // Most triangles of a dense mesh lie between pixels.
@@ -113,14 +114,14 @@ impl Raster {
         }
     }
 
-    /// Where corners lie in pixels, for [`Raster::draw_tested`]; not numbers behind the camera.
-    pub(crate) fn place(&self, clip: &[Vec4]) -> Vec<Vec3> {
-        let place = |&c: &Vec4| if c.w > 0.0 { to_pixels(c, self.size) } else { Vec3::NAN };
-        clip.iter().map(place).collect()
+    /// Corners in pixels, for [`Raster::draw_tested`]; not a number behind the camera.
+    pub(crate) fn pixel_corners(&self, clip: &[Vec4]) -> Vec<Vec3> {
+        let corner = |&c: &Vec4| if c.w > 0.0 { to_pixels(c, self.size) } else { Vec3::NAN };
+        clip.iter().map(corner).collect()
     }
 
-    /// Draws triangle `t`, offering each of its pixels that passes the depth test to `visit(buffer index, x, y)`.
-    /// Where that returns true, the pixel's id and depth are replaced.
+    /// Draws triangle `t`. Calls `visit(buffer index, x, y)` for each of its pixels that passes the depth test, and
+    /// writes the pixel if that returns true.
     pub(crate) fn draw_tested(
         &mut self,
         t: usize,
@@ -162,15 +163,15 @@ impl Raster {
     }
 }
 
-/// Whether the rectangle around a triangle holds the centre of a pixel.
+/// True if the rectangle around a triangle contains the centre of a pixel.
 #[inline]
 fn may_cover([a, b, c]: &[Vec3; 3], size: usize) -> bool {
     let (low, high) = (a.min(*b).min(*c), a.max(*b).max(*c));
-    let holds = |low: f32, high: f32| first_centre(low, size as f32) < first_centre(high, size as f32);
-    holds(low.x, high.x) && holds(low.y, high.y)
+    let contains = |low: f32, high: f32| first_centre(low, size as f32) < first_centre(high, size as f32);
+    contains(low.x, high.x) && contains(low.y, high.y)
 }
 
-/// `None` for a triangle that is not drawn.
+/// The set-up of a triangle; `None` if it is not drawn.
 fn set_up(corners: [Vec3; 3], double_sided: impl Fn() -> bool) -> Option<Setup> {
     let [a, b, c] = corners;
     let area = (b.x - a.x) * (c.y - a.y) - (b.y - a.y) * (c.x - a.x);
@@ -182,8 +183,8 @@ fn set_up(corners: [Vec3; 3], double_sided: impl Fn() -> bool) -> Option<Setup> 
     Some(Setup { corners, plane: Vec3::new(a.z - zx * a.x - zy * a.y, zx, zy) })
 }
 
-/// Calls `span(y, x0, x1)` for each row of pixel centres inside a triangle. Two triangles that share an edge evaluate it
-/// alike, so that between them no pixel is left out and none is drawn twice.
+/// Calls `span(y, x0, x1)` for each row of pixel centres inside a triangle. Two triangles that share an edge evaluate
+/// it alike: no pixel between them is left out, and none is drawn twice.
 #[inline]
 pub(crate) fn scan(corners: &[Vec3; 3], size: usize, mut span: impl FnMut(usize, usize, usize)) {
     let mut by_height = corners.map(|c| c.truncate());
@@ -203,7 +204,8 @@ pub(crate) fn scan(corners: &[Vec3; 3], size: usize, mut span: impl FnMut(usize,
     }
 }
 
-/// `x` rounded up, within 0 and `limit`: `f32::ceil` is a call where the machine is not known to round.
+/// `x` rounded up, clamped to 0 and `limit`. `f32::ceil` would be a function call on targets without a rounding
+/// instruction.
 #[inline]
 fn first_centre(x: f32, limit: f32) -> usize {
     let x = x.clamp(0.0, limit);
@@ -217,8 +219,8 @@ fn edge_at(low: Vec2, high: Vec2, y: f32) -> f32 {
     if height <= 0.0 { high.x } else { low.x + (high.x - low.x) * ((y - low.y) / height) }
 }
 
-/// Coefficients of the homogeneous barycentric coordinates of a triangle in clip space (Olano and Greer 1997):
-/// `a_i = k_i.x + k_i.y * x + k_i.z * y` at normalised device coordinates `(x, y)`; divided by their sum they are
+/// Coefficients `k_i` of the homogeneous barycentric coordinates of a triangle in clip space (Olano and Greer 1997):
+/// `a_i = k_i.x + k_i.y * x + k_i.z * y` at normalised device coordinates `(x, y)`. Divided by their sum they are
 /// perspective-correct.
 #[inline]
 pub(crate) fn barycentric_coefficients(clip: [Vec4; 3]) -> [Vec3; 3] {
@@ -226,7 +228,7 @@ pub(crate) fn barycentric_coefficients(clip: [Vec4; 3]) -> [Vec3; 3] {
     [f(clip[1], clip[2]), f(clip[2], clip[0]), f(clip[0], clip[1])]
 }
 
-/// Perspective-correct barycentric coordinates and the inverse of the homogeneous ones' sum.
+/// Perspective-correct barycentric coordinates, and the inverse of the sum of the homogeneous ones.
 #[inline]
 pub(crate) fn barycentric_at(coefficients: &[Vec3; 3], x: f32, y: f32) -> (Vec3, f32) {
     let at = |k: Vec3| k.x + k.y * x + k.z * y;
@@ -303,7 +305,7 @@ mod tests {
 
     #[test]
     fn barycentrics_are_perspective_correct() {
-        // Halfway along the screen between depths 1 and 3 lies a quarter of the way in space.
+        // Halfway on the screen between depths 1 and 3 is a quarter of the length in space.
         let corners = [Vec4::new(0.0, 0.0, 0.0, 1.0), Vec4::new(3.0, 0.0, 0.0, 3.0), Vec4::new(0.0, 1.0, 0.0, 1.0)];
         let (b, _) = barycentric_at(&barycentric_coefficients(corners), 0.5, 0.0);
         assert!((b - Vec3::new(0.75, 0.25, 0.0)).length() < 1e-6, "{b}");

@@ -1,17 +1,21 @@
-//! What the source looks like from the cameras that every later stage is judged by.
+//! Views of the source. Every later stage is compared with them.
 
 use glam::Vec3;
 use rayon::prelude::*;
 
-use super::{Camera, Image, Light, Renderer, SurfaceSampler};
+use super::camera::Camera;
+use super::image::Image;
+use super::renderer::Renderer;
+use super::shader::Light;
+use super::surface_sampler::SurfaceSampler;
 
-/// A camera and the source's unlit picture from it.
+/// A camera, and the unlit image of the source from it.
 pub struct View {
-    /// Where it was taken from.
+    /// The camera.
     pub camera: Camera,
-    /// The pose the source was in, as in [`Motions`]; `None` for the rest pose.
+    /// The pose of the source, as in [`Motions`](crate::animation::Motions); `None` for the rest pose.
     pub pose: Option<usize>,
-    /// The source, premultiplied over nothing.
+    /// The image of the source, colours premultiplied by coverage.
     pub image: Image,
 }
 
@@ -22,12 +26,12 @@ impl View {
     }
 }
 
-/// Takes the source's picture from every camera, `size` pixels wide, each the mean of 2 x 2 points.
+/// The view of the source from every camera. Images have a side of `size` pixels, each the mean of 2 x 2 points.
 pub fn take_views(sampler: &SurfaceSampler<'_>, cameras: &[Camera], size: usize) -> Vec<View> {
     take(sampler, &sampler.model().surface.positions, cameras, size, None)
 }
 
-/// As [`take_views`], with the source's vertices where `pose` takes them.
+/// As [`take_views`], with the source in a pose, its vertices at `positions`.
 pub fn take_posed_views(
     sampler: &SurfaceSampler<'_>,
     positions: &[Vec3],

@@ -1,9 +1,11 @@
-//! Views of the source: what candidates are scored by, and what textures and vertices are fitted to.
+//! Renders the views of the source. Candidates are scored by them; textures and vertices are fitted to them.
 
 use rayon::prelude::*;
 use serde::Serialize;
 
-use super::{SurfaceSampler, View, take_posed_views, take_views, viewpoints};
+use super::camera::viewpoints;
+use super::surface_sampler::SurfaceSampler;
+use super::view::{View, take_posed_views, take_views};
 use crate::Cancellation;
 use crate::animation::Poses;
 use crate::geometry::BoundingSphere;
@@ -15,12 +17,12 @@ pub struct ViewParams {
     pub count: u32,
     /// Side of each square view, in pixels.
     pub size: u32,
-    /// Poses that decide on the shape besides the rest pose.
+    /// Number of poses that decide on the shape, in addition to the rest pose.
     pub poses: u32,
 }
 
 impl ViewParams {
-    /// Views in other poses that go with `count` views of the rest pose.
+    /// Number of views in other poses that go with `count` views of the rest pose.
     pub(crate) fn posed(count: u32) -> usize {
         count as usize / 2
     }
@@ -33,18 +35,18 @@ pub(crate) struct ViewRenderer<'a> {
     pub(crate) sphere: BoundingSphere,
     pub(crate) poses: Option<&'a Poses<'a>>,
     pub(crate) params: ViewParams,
-    /// Turns the directions of the views.
+    /// Seed of the directions of the views.
     pub(crate) seed: u64,
     pub(crate) cancellation: &'a Cancellation,
 }
 
 impl ViewRenderer<'_> {
-    /// Views of the rest pose and of the other poses. A cancelled bake gets fewer.
+    /// The views of the rest pose and of the other poses; fewer if cancelled.
     pub(crate) fn views(&self) -> Vec<View> {
         self.take(self.params.count, self.params.size as usize, self.seed)
     }
 
-    /// `views` at half resolution, and `further` views from between them. Empty if the size is odd.
+    /// `views` at half resolution, and `further` views from other directions. Empty if the size is odd.
     pub(crate) fn half_resolution_views(&self, views: &[View], further: u32) -> Vec<View> {
         let halved: Option<Vec<View>> = views.par_iter().map(View::halved).collect();
         let Some(mut half_resolution) = halved else { return Vec::new() };
@@ -53,10 +55,10 @@ impl ViewRenderer<'_> {
         half_resolution
     }
 
-    /// `count` views of the rest pose, and the posed views that go with them.
+    /// `count` views of the rest pose, and the views of the other poses that go with them.
     fn take(&self, count: u32, size: usize, seed: u64) -> Vec<View> {
         let Self { sampler, sphere, poses, cancellation, .. } = self;
-        // A few at a time, so that a cancelled bake ends soon.
+        // A few at a time: a cancelled bake ends soon.
         let few = 2 * rayon::current_num_threads();
         let wanted = || !cancellation.is_cancelled();
         let cameras = viewpoints(sphere, count as usize, seed);

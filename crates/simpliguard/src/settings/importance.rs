@@ -3,12 +3,12 @@
 use super::value::{Limit, Value};
 use crate::data::MaterialWeight;
 
-/// The longest list.
+/// Most entries of the list.
 const MOST: usize = 64;
 /// Least and largest weight.
 const RANGE: Limit = Limit::Between(0.01, 100.0);
 
-/// `*Face*:4`, as on the command line.
+/// Reads `*Face*:4`, as on the command line.
 fn parse(text: &str) -> Option<MaterialWeight> {
     let (material, weight) = text.trim().rsplit_once(':')?;
     Some(MaterialWeight { material: material.to_owned(), weight: weight.parse().ok()? })
@@ -33,8 +33,8 @@ impl Value for Vec<MaterialWeight> {
     }
 
     fn check(&self, limit: Limit) -> Result<(), String> {
-        let sound = |i: &MaterialWeight| i.weight.check(RANGE).is_ok() && i.matcher().is_some();
-        if self.len() <= MOST && self.iter().all(sound) { Ok(()) } else { Err(Self::accepts(limit)) }
+        let is_valid = |i: &MaterialWeight| i.weight.check(RANGE).is_ok() && i.matcher().is_some();
+        if self.len() <= MOST && self.iter().all(is_valid) { Ok(()) } else { Err(Self::accepts(limit)) }
     }
 }
 
@@ -49,12 +49,12 @@ mod tests {
     #[test]
     fn importances_are_read_from_both_spellings() {
         let expected = vec![face(), MaterialWeight { material: "a:b".into(), weight: 0.5 }];
-        assert_eq!(Vec::<Importance>::from_arg("*Face*:4, a:b:0.5"), Ok(expected.clone()));
+        assert_eq!(Vec::<MaterialWeight>::from_arg("*Face*:4, a:b:0.5"), Ok(expected.clone()));
         let ron = r#"[(material: "*Face*", weight: 4.0), (material: "a:b", weight: 0.5)]"#;
         assert_eq!(expected.ron(), ron);
         assert_eq!(ron::from_str::<Vec<MaterialWeight>>(ron).expect("valid"), expected);
-        assert_eq!(Vec::<Importance>::from_arg(" "), Ok(Vec::new()));
-        assert!(Vec::<Importance>::from_arg("*Face*").is_err());
+        assert_eq!(Vec::<MaterialWeight>::from_arg(" "), Ok(Vec::new()));
+        assert!(Vec::<MaterialWeight>::from_arg("*Face*").is_err());
     }
 
     #[test]

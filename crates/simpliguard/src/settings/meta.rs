@@ -13,14 +13,17 @@
 use serde::Deserialize;
 use serde::de::IgnoredAny;
 
-use super::BakeOverrides;
+use super::fields::BakeOverrides;
 use super::text::parse;
 use crate::Error;
 
 /// The overrides of a `.meta` file; `None` if it names another processor, loads the asset unprocessed, or ignores it.
 /// `file` is for messages.
+///
+/// # Errors
+/// If the text is malformed, or names a field or a value that does not exist.
 pub fn parse_meta(text: &str, file: &str) -> Result<Option<BakeOverrides>, Error> {
-    // First without the settings, whose fields depend on the processor.
+    // First without the settings: their fields depend on the processor.
     let AnyMeta { asset } = parse(text, file)?;
     match asset {
         AnyAction::Process { processor } if is_ours(&processor) => {
@@ -31,7 +34,7 @@ pub fn parse_meta(text: &str, file: &str) -> Result<Option<BakeOverrides>, Error
     }
 }
 
-/// Short type path, or the full one under our crate.
+/// True for the short type path of our processor, and for a full path in our crate.
 fn is_ours(processor: &str) -> bool {
     let (krate, name) = processor.split_once("::").map_or(("bevy_simpliguard", processor), |(krate, rest)| {
         (krate, rest.rsplit_once("::").map_or(rest, |(_, name)| name))

@@ -1,32 +1,36 @@
-//! Bake settings: one list of fields, two types.
+//! Bake settings: one table of fields, two types.
 //!
-//! [`BakeSettings`] is what the stages read: every field is present and in range. [`BakeOverrides`] has the same fields
-//! as options; it is what users write, in `.meta` files, in `config/simpliguard.ron` and on the command line.
-//! [`resolve`] lays overrides over each other and remembers where each value came from.
+//! [`BakeSettings`] are the settings of a bake: every field is present and in range. [`BakeOverrides`] has the same
+//! fields as options. Users write overrides in `.meta` files, in `config/simpliguard.ron` and on the command line.
+//! [`resolve`] lays overrides over each other and remembers the origin of each value.
 //!
-//! The module is pure: it parses strings and never opens a file, so that the plugin and the command read the same
-//! texts in the same way and derive the same keys.
+//! The module parses strings and never opens a file. So the plugin and the command read the same texts in the same way
+//! and derive the same keys.
 //!
-//! Limits: comments and formatting of a RON file are not kept; there is no way to unset a field in a later layer other
-//! than by writing its default.
+//! Limits: comments and formatting of a RON file are not kept. A later layer cannot unset a field; it can set the
+//! default.
 
+mod choices;
+mod field;
 mod fields;
 mod importance;
 mod meta;
+mod overrides;
 mod project;
 mod resolve;
 mod target;
 mod text;
 mod value;
 
-pub use crate::data::MaterialWeight;
-pub use fields::{
-    BakeOverrides, BakeSettings, Candidates, ExistingLods, FieldInfo, InitialTexture, JointPlanes, MorphTargets,
-    Quality, SkinTransfer, SourceGeometry, TextureSolver, reference,
+pub use crate::data::{MaterialWeight, TextureFormat};
+pub use choices::{
+    Candidates, ExistingLods, InitialTexture, JointSplitting, MorphTargets, Quality, Resolution, SkinTransfer,
+    SourceGeometry, TextureSolver,
 };
+pub use field::FieldInfo;
+pub use fields::{BakeOverrides, BakeSettings, reference};
 pub use meta::parse_meta;
+pub use overrides::parse_overrides;
 pub use project::{BakeMode, BakePriority, CacheSettings, ProjectFile, ProjectSettings, Rule, parse_cache_size};
 pub use resolve::{Effective, Layer, Origin, Resolved, resolve};
 pub use target::Target;
-pub use text::parse_overrides;
-pub use value::{Resolution, TextureFormat};

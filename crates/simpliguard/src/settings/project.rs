@@ -1,4 +1,4 @@
-//! `config/simpliguard.ron`: a project's defaults, rules and profiles.
+//! The project file `config/simpliguard.ron`: defaults, rules and profiles.
 
 use std::collections::BTreeMap;
 use std::num::NonZeroU32;
@@ -8,8 +8,9 @@ use globset::{GlobBuilder, GlobMatcher};
 use serde::Deserialize;
 use serde::de::{Deserializer, Error as _};
 
+use super::fields::BakeOverrides;
+use super::resolve::{Layer, Origin};
 use super::text::{did_you_mean, parse};
-use super::{BakeOverrides, Layer, Origin};
 use crate::Error;
 
 /// A project file:
@@ -26,65 +27,65 @@ use crate::Error;
 #[derive(Clone, Debug, Default)]
 pub struct ProjectFile {
     file: String,
-    /// For every model.
+    /// Overrides for every model.
     pub defaults: BakeOverrides,
-    /// For models whose path matches, later rules over earlier ones.
+    /// Overrides for models whose path matches; later rules win.
     pub rules: Vec<Rule>,
-    /// For a platform or purpose, chosen by name.
+    /// Overrides for a platform or a purpose, chosen by name.
     pub profiles: BTreeMap<String, BakeOverrides>,
-    /// What never changes a byte of the output, and is part of no key.
+    /// Settings that never change a byte of the output. They are part of no key.
     pub project: ProjectSettings,
 }
 
 /// Settings of a project that never change a byte of the output.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct ProjectSettings {
-    /// Where results are kept.
+    /// The cache of results.
     pub cache: CacheSettings,
-    /// Whether a game waits for bakes.
+    /// The moment at which a game shows the levels.
     pub mode: Option<BakeMode>,
-    /// Threads that bake while a game runs.
+    /// Number of threads that bake while a game runs.
     pub threads: Option<NonZeroU32>,
-    /// How they stand behind the game's own.
+    /// The priority of these threads, relative to the threads of the game.
     pub priority: Option<BakePriority>,
 }
 
-/// Where results are kept, and how many.
+/// The places and the size of the cache.
 #[derive(Clone, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Deserialize)]
 #[serde(default, deny_unknown_fields, rename = "cache")]
 pub struct CacheSettings {
-    /// Folder, relative to the project's folder; one outside of it is not used.
+    /// Folder, relative to the project's folder. A folder outside of it is not used.
     #[serde(with = "serde_with::rust::unwrap_or_skip")]
     pub dir: Option<String>,
-    /// Most bytes that are kept; what was used longest ago goes first.
+    /// Most bytes of the cache. Results that were used longest ago are deleted first.
     #[serde(deserialize_with = "max_size")]
     pub max_size: Option<u64>,
-    /// Where results of other machines come from and ours go to: a folder, relative to the project's folder, or an address
-    /// such as `s3://bucket/folder`.
+    /// A cache that several machines share: a folder, relative to the project's folder, or an address such as
+    /// `s3://bucket/folder`.
     #[serde(with = "serde_with::rust::unwrap_or_skip")]
     pub shared: Option<String>,
-    /// Whether nothing is stored there.
+    /// True if the shared cache is read but not written.
     pub shared_read_only: bool,
 }
 
-/// When a game that bakes its own models sees the levels.
+/// The moment at which a game that bakes its own models shows the levels.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
 pub enum BakeMode {
-    /// Models appear at once as they are; their levels are swapped in when they are done.
+    /// Models appear at once, without levels. Their levels are added when they are done.
     #[default]
     Progressive,
-    /// A model appears when its levels are done: for builds and automatic tests.
+    /// A model appears when its levels are done. This is for builds and automatic tests.
     Blocking,
 }
 
-/// How bakes stand behind the game that they run in, where both want the same cores.
+/// The priority of bakes in a game that runs on the same cores.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
 pub enum BakePriority {
-    /// They take what the game leaves.
+    /// Bakes take the time that the game leaves.
     Lowest,
-    /// They get about a tenth of cores that the game uses all the time.
+    /// Bakes get about a tenth of the time of cores that the game keeps busy.
     Low,
-    /// They get as much as the game.
+    /// Bakes get as much time as the game.
     Normal,
 }
 
@@ -94,7 +95,7 @@ pub enum BakePriority {
 pub struct Rule {
     #[serde(deserialize_with = "matcher")]
     glob: GlobMatcher,
-    /// What is set for them.
+    /// The overrides.
     pub settings: BakeOverrides,
 }
 
@@ -104,13 +105,13 @@ impl Rule {
         self.glob.glob().glob()
     }
 
-    /// Whether the rule is for the model at `path`, relative to the asset folder, its parts separated by `/`.
+    /// True if the rule applies to the model at `path`, which is relative to the asset folder and separated by `/`.
     pub fn applies_to(&self, path: &str) -> bool {
         self.glob.is_match(path)
     }
 }
 
-/// `*` stays within a folder and `**` crosses folders, on every platform.
+/// Reads a glob. `*` stays within a folder and `**` crosses folders, on every platform.
 fn matcher<'de, D: Deserializer<'de>>(deserializer: D) -> Result<GlobMatcher, D::Error> {
     let pattern = String::deserialize(deserializer)?;
     let glob = GlobBuilder::new(&pattern).literal_separator(true).backslash_escape(true).build();
@@ -127,13 +128,13 @@ struct Contents {
     plugin: PluginContents,
 }
 
-/// Below it, a unit was forgotten.
+/// Smallest size of a cache. With less, the unit is probably missing.
 const LEAST_CACHE: ByteSize = ByteSize::mib(1);
 
-/// The size of a cache in bytes, as users write it: a number with its unit, such as `500 MB` or `1.5 GiB`.
+/// Reads the size of a cache in bytes, as users write it: a number with its unit, such as `500 MB` or `1.5 GiB`.
 ///
 /// # Errors
-/// What was expected.
+/// If it is malformed, or too small; the text says what was expected.
 pub fn parse_cache_size(text: &str) -> Result<u64, String> {
     let size = text.parse::<ByteSize>().ok().filter(|size| *size >= LEAST_CACHE);
     let expected = || format!("expected at least {LEAST_CACHE}, with a unit, such as 500 MB or 1.5 GiB");
@@ -157,10 +158,13 @@ struct PluginContents {
 }
 
 impl ProjectFile {
-    /// Where the file lies in a project.
+    /// Path of the file in a project.
     pub const PATH: &'static str = "config/simpliguard.ron";
 
     /// Reads a project file. `file` is for messages and origins.
+    ///
+    /// # Errors
+    /// If the text is malformed, or names a field or a value that does not exist.
     pub fn parse(text: &str, file: &str) -> Result<Self, Error> {
         let Contents { defaults, rules, profiles, cache, plugin } = parse(text, file)?;
         let PluginContents { mode, threads, priority } = plugin;
@@ -168,12 +172,11 @@ impl ProjectFile {
         Ok(Self { file: file.to_owned(), defaults, rules, profiles, project })
     }
 
-    /// The layers that this file lays under a model's `.meta`: defaults, matching rules in order, then the profile.
-    ///
-    /// `path` is the model's path relative to the asset folder, its parts separated by `/`.
+    /// The layers that lie below a model's `.meta`: defaults, matching rules in their order, then the profile. `path`
+    /// is the model's path, relative to the asset folder and separated by `/`.
     ///
     /// # Errors
-    /// A profile that the file does not have.
+    /// If the file has no such profile.
     pub fn layers(&self, path: &str, profile: Option<&str>) -> Result<Vec<Layer>, Error> {
         let file = || self.file.clone();
         let mut layers = vec![Layer { origin: Origin::Project { file: file() }, overrides: self.defaults.clone() }];

@@ -2,16 +2,17 @@
 
 use std::fmt;
 
-use super::fields::lay;
-use super::{BakeOverrides, BakeSettings, Quality};
+use super::choices::Quality;
+use super::field::FieldInfo;
+use super::fields::{BakeOverrides, BakeSettings, reference};
 use crate::Error;
 
-/// Where a value came from. File names are as the caller gave them.
+/// The origin of a value. File names are as the caller gave them.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Origin {
-    /// The same at every quality.
+    /// Built in, the same at every quality.
     BuiltIn,
-    /// Supplied by the quality in effect.
+    /// Built in, by the quality in effect.
     Preset(Quality),
     /// `defaults` of the project file.
     Project {
@@ -60,32 +61,32 @@ impl fmt::Display for Origin {
     }
 }
 
-/// Overrides and where they came from.
+/// Overrides and their origin.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Layer {
-    /// Where from.
+    /// The origin.
     pub origin: Origin,
-    /// What is set.
+    /// The fields that are set.
     pub overrides: BakeOverrides,
 }
 
 /// Settings with the origin of each value.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Resolved {
-    /// Checked, lists of budgets sorted and without repetition.
+    /// The settings: in range, lists of budgets sorted and without repetition.
     pub settings: BakeSettings,
     /// In the order of the fields.
-    pub(super) origins: Vec<Origin>,
+    origins: Vec<Origin>,
 }
 
 /// One field of [`Resolved`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct Effective<'a> {
-    /// The field.
+    /// The name of the field.
     pub name: &'static str,
     /// Its value as RON.
     pub value: String,
-    /// Where the value came from.
+    /// The origin of the value.
     pub origin: &'a Origin,
 }
 
@@ -96,23 +97,35 @@ impl Resolved {
         entries.zip(&self.origins).map(|((name, value), origin)| Effective { name, value, origin })
     }
 
-    /// Where the value of a field came from; `None` if there is no such field.
+    /// The origin of the value of a field; `None` if there is no such field.
     pub fn origin(&self, field: &str) -> Option<&Origin> {
         self.effective().find(|e| e.name == field).map(|e| e.origin)
     }
 }
 
 /// Lays overrides over the built-in values, each layer over those before it: project defaults, matching rules, profile,
-/// `.meta`, settings file, command line. The quality is looked up first, in all layers, and supplies its preset below
-/// all of them.
+/// `.meta`, settings file, command line. The quality is the last one of all layers; its built-in values lie below all
+/// of them.
 ///
 /// # Errors
-/// A value out of its range. Overrides that were read from text are in range already.
+/// If a value is out of range. Overrides that were read from text are in range.
 pub fn resolve(layers: Vec<Layer>) -> Result<Resolved, Error> {
-    let quality = layers.iter().rev().find_map(|l| l.overrides.quality.map(|q| (q, l.origin.clone())));
-    let resolved = lay(quality.unwrap_or((Quality::default(), Origin::BuiltIn)), layers);
-    resolved.settings.check()?;
-    Ok(resolved)
+    let quality = layers.iter().rev().find_map(|layer| layer.overrides.quality).unwrap_or_default();
+    let mut settings = BakeSettings::preset(quality);
+    let mut origins: Vec<Origin> = reference().iter().map(|field| built_in(field, quality)).collect();
+    for Layer { origin, overrides } in layers {
+        let is_set = settings.apply(overrides);
+        for (slot, _) in origins.iter_mut().zip(is_set).filter(|(_, is_set)| *is_set) {
+            *slot = origin.clone();
+        }
+    }
+    settings.check()?;
+    Ok(Resolved { settings, origins })
+}
+
+/// The origin of the built-in value of a field.
+fn built_in(field: &FieldInfo, quality: Quality) -> Origin {
+    if field.is_preset() { Origin::Preset(quality) } else { Origin::BuiltIn }
 }
 
 #[cfg(test)]

@@ -1,25 +1,25 @@
-//! What a level must meet, in other terms than faces.
+//! Targets of levels.
 
 use serde::{Deserialize, Serialize};
 
 use super::value::{Limit, MAX_LEVELS, Value, kebab};
 
-/// What a level must meet.
+/// The target that a level must meet.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Target {
     /// At most this many triangles.
     Faces(u32),
-    /// At most this part of the source's triangles.
+    /// At most this fraction of the source's triangles.
     Ratio(f32),
-    /// As few triangles as keep 95 % of both surfaces within this distance of each other, as a fraction of the diagonal
-    /// of the source's bounding box.
+    /// The fewest triangles that keep 95 % of both surfaces within this distance of each other, as a fraction of the
+    /// diagonal of the source's bounding box.
     MaxDeviation(f32),
-    /// As few triangles as keep 95 % of both surfaces within a pixel of each other where that diagonal is this many
+    /// The fewest triangles that keep 95 % of both surfaces within a pixel of each other if that diagonal is this many
     /// pixels long on the screen.
     ScreenSize(u32),
 }
 
-/// Name and range of each kind.
+/// Name and range of each variant.
 const KINDS: [(&str, Limit); 4] = [
     ("Faces", Limit::Between(4.0, 1e6)),
     ("Ratio", Limit::Between(0.0001, 0.99)),
@@ -28,8 +28,8 @@ const KINDS: [(&str, Limit); 4] = [
 ];
 
 impl Target {
-    /// Farthest that 95 % of both surfaces may lie apart, as a fraction of the bounding box's diagonal, if it is a target
-    /// of that kind.
+    /// Largest distance between 95 % of both surfaces, as a fraction of the bounding box's diagonal; `None` for a
+    /// number of triangles.
     pub fn tolerance(self) -> Option<f32> {
         match self {
             Self::MaxDeviation(distance) => Some(distance),
@@ -41,14 +41,14 @@ impl Target {
     fn in_range(self) -> bool {
         match self {
             Self::Faces(n) => n.check(KINDS[0].1),
-            Self::Ratio(part) => part.check(KINDS[1].1),
+            Self::Ratio(ratio) => ratio.check(KINDS[1].1),
             Self::MaxDeviation(distance) => distance.check(KINDS[2].1),
             Self::ScreenSize(pixels) => pixels.check(KINDS[3].1),
         }
         .is_ok()
     }
 
-    /// `screen-size:200`, as on the command line.
+    /// Reads `screen-size:200`, as on the command line.
     fn parse(text: &str) -> Option<Self> {
         let (name, value) = text.trim().split_once(':')?;
         let kind = KINDS.iter().position(|(kind, _)| kebab(kind) == name)?;

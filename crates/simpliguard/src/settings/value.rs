@@ -1,16 +1,12 @@
-//! The kinds of values a field can have.
-
-use serde::{Deserialize, Serialize};
-
-pub use crate::data::TextureFormat;
+//! The values of fields: ranges, spellings, checks.
 
 /// The longest list of levels.
 pub(super) const MAX_LEVELS: usize = 8;
 
-/// The range of a field, ends included. Numbers inside lists and variants are meant.
+/// The range of a field, ends included. In lists and variants it is the range of the numbers.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Limit {
-    /// Anything its type can hold.
+    /// Any value of the type.
     None,
     /// From the first to the second.
     Between(f64, f64),
@@ -19,7 +15,7 @@ pub(super) enum Limit {
 }
 
 impl Limit {
-    fn allows_whole(self, value: u32) -> bool {
+    pub(super) fn allows_whole(self, value: u32) -> bool {
         match self {
             Self::None => true,
             Self::Between(low, high) => (low..=high).contains(&f64::from(value)),
@@ -27,7 +23,7 @@ impl Limit {
         }
     }
 
-    /// The number inside that is nearest to `value`.
+    /// The number in the range that is nearest to `value`.
     fn nearest(self, value: f64) -> Option<f64> {
         match self {
             Self::None => None,
@@ -49,23 +45,23 @@ impl Limit {
     }
 }
 
-/// What the list of fields needs from a type.
+/// A type of values that fields can have.
 pub(super) trait Value: Sized {
-    /// What may be written, in words: "a whole number from 1 to 16".
+    /// The values that may be written, in words: "a whole number from 1 to 16".
     fn accepts(limit: Limit) -> String;
-    /// From the command line's spelling. `Err` says what was expected.
+    /// The value of a command-line spelling. `Err` says what was expected.
     fn from_arg(text: &str) -> Result<Self, String>;
-    /// RON spelling, one for each value.
+    /// The RON spelling; each value has exactly one.
     fn ron(&self) -> String;
-    /// `Err` says what was expected.
+    /// Checks the range. `Err` says what was expected.
     fn check(&self, _: Limit) -> Result<(), String> {
         Ok(())
     }
-    /// The value in range that is nearest to this one, if there is such a thing.
+    /// The nearest value in the range, if the type has one.
     fn nearest(&self, _: Limit) -> Option<Self> {
         None
     }
-    /// Equal wishes become equal values.
+    /// Makes values that mean the same equal.
     fn normalised(self) -> Self {
         self
     }
@@ -125,7 +121,7 @@ impl Value for f32 {
 
     fn check(&self, limit: Limit) -> Result<(), String> {
         let allowed = match limit {
-            // Compared in single precision, so that the ends as users write them are inside.
+            // The comparison is in single precision: the ends, as users write them, are in the range.
             Limit::Between(low, high) => (low as f32..=high as f32).contains(self),
             _ => self.is_finite(),
         };
@@ -175,86 +171,7 @@ impl Value for Vec<u32> {
     }
 }
 
-/// Resolution of the reconstruction.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-pub enum Resolution {
-    /// Chosen for each level.
-    #[default]
-    Auto,
-    /// Cells along the longest side of the model's bounding box.
-    Cells(u32),
-}
-
-impl Value for Resolution {
-    fn accepts(limit: Limit) -> String {
-        format!("Auto or Cells(n), n{}", limit.words())
-    }
-
-    fn from_arg(text: &str) -> Result<Self, String> {
-        match text.trim() {
-            "auto" => Ok(Self::Auto),
-            text => text.parse().map(Self::Cells).map_err(|_| "auto or a number of cells".into()),
-        }
-    }
-
-    fn ron(&self) -> String {
-        match self {
-            Self::Auto => "Auto".into(),
-            Self::Cells(n) => format!("Cells({n})"),
-        }
-    }
-
-    fn check(&self, limit: Limit) -> Result<(), String> {
-        match self {
-            Self::Cells(n) if !limit.allows_whole(*n) => Err(Self::accepts(limit)),
-            _ => Ok(()),
-        }
-    }
-
-    fn nearest(&self, limit: Limit) -> Option<Self> {
-        match self {
-            Self::Cells(n) => n.nearest(limit).map(Self::Cells),
-            Self::Auto => None,
-        }
-    }
-}
-
-impl Value for TextureFormat {
-    fn accepts(limit: Limit) -> String {
-        format!("Png or Jpeg(n), n{}", limit.words())
-    }
-
-    fn from_arg(text: &str) -> Result<Self, String> {
-        let quality = |text: &str| text.strip_prefix("jpeg-").and_then(|n| n.parse().ok());
-        match text.trim() {
-            "png" => Ok(Self::Png),
-            text => quality(text).map(Self::Jpeg).ok_or_else(|| "png or jpeg-n, such as jpeg-90".into()),
-        }
-    }
-
-    fn ron(&self) -> String {
-        match self {
-            Self::Png => "Png".into(),
-            Self::Jpeg(n) => format!("Jpeg({n})"),
-        }
-    }
-
-    fn check(&self, limit: Limit) -> Result<(), String> {
-        match self {
-            Self::Jpeg(n) if !limit.allows_whole(*n) => Err(Self::accepts(limit)),
-            _ => Ok(()),
-        }
-    }
-
-    fn nearest(&self, limit: Limit) -> Option<Self> {
-        match self {
-            Self::Jpeg(n) => n.nearest(limit).map(Self::Jpeg),
-            Self::Png => None,
-        }
-    }
-}
-
-/// An enum without data: PascalCase in RON, kebab-case on the command line.
+/// Declares an enum without data: PascalCase in RON, kebab-case on the command line.
 macro_rules! choice {
     (
         $(#[$meta:meta])*
@@ -295,7 +212,7 @@ pub(super) fn one_of<const N: usize>(choices: [String; N]) -> String {
     }
 }
 
-/// `ClosestSurface` to `closest-surface`.
+/// Kebab case from Pascal case: `closest-surface` from `ClosestSurface`.
 pub(super) fn kebab(pascal: &str) -> String {
     let mut out = String::with_capacity(pascal.len() + 4);
     for c in pascal.chars() {

@@ -1,32 +1,29 @@
-//! Simplifies one candidate to each of the budgets.
+//! Collapses one candidate to each of the budgets.
 
 use glam::{Affine3A, Vec3};
 
-use super::input::{SimplifyInput, pixels_in_motion};
+use super::face_weights::face_weights;
 use super::inputs::Inputs;
 use super::params::SimplifyParams;
 use super::qem::Simplifier;
-use super::self_intersection::{self, TOLERATED, WORTH_DEEP_RESOLUTION};
+use super::self_intersection::{self, DEEP_CONTACT, SHALLOW_CONTACT, TOLERATED, WORTH_DEEP_RESOLUTION};
 use super::shape::{Shape, Shortfall};
+use super::simplify_input::{SimplifyInput, pixels_in_motion};
 use super::unit_sphere::{from_unit_sphere, to_unit_sphere};
-use super::visibility::{self, face_weights};
+use super::visibility;
 use crate::animation::{Motions, Poses};
 use crate::data::{Candidate, TriMesh};
 use crate::geometry::BoundingSphere;
 
-/// Faces kept, as a multiple of the largest budget, when enclosed faces are looked for.
+/// Number of faces at which enclosed faces are removed, as a multiple of the largest budget.
 const ENCLOSED_AT: usize = 4;
-/// A component that deserves fewer faces than this is dropped.
+/// A component is removed if its share of the budget is fewer faces than this.
 const NEGLIGIBLE_FACES: f64 = 0.75;
-/// Largest fraction of a budget that is kept for the faces along joint planes.
+/// Largest fraction of a budget that is reserved for splitting faces along joint planes.
 const MOST_RESERVED: f64 = 0.08;
-/// Depth of the contacts that are resolved, as a fraction of the mean edge.
-const SHALLOW: f64 = 0.1;
-/// The depth where the shallow one is not enough.
-const DEEP: f64 = 0.5;
 
-/// Collapses a candidate to each budget. Some candidates offer several shapes for each: the second shapes of all budgets
-/// then follow the first shapes of all.
+/// Collapses a candidate to each budget. Some candidates offer alternatives: a second shape for each budget then
+/// follows the first shapes of all budgets, and so on. Empty if cancelled.
 pub(super) fn simplify_to_budgets(
     inputs: &Inputs<'_>,
     params: &SimplifyParams,
@@ -37,19 +34,20 @@ pub(super) fn simplify_to_budgets(
     let collapse = Collapse { inputs, params, candidate, double_sided: input.double_sided };
     let run = |depth| collapse.run(simplifier.clone(), depth);
     let self_intersects = self_intersection::fraction(&simplifier.mesh()) > TOLERATED;
-    let (resolved, free) = rayon::join(|| run(Some(SHALLOW)), || self_intersects.then(|| run(None)));
+    let (resolved, free) = rayon::join(|| run(Some(SHALLOW_CONTACT)), || self_intersects.then(|| run(None)));
     let Collapsed { mut shapes, is_stuck } = resolved;
     let mut fractions = shapes.iter().map(|shape| self_intersection::fraction(&shape.mesh));
     if fractions.any(|fraction| fraction > TOLERATED && fraction < WORTH_DEEP_RESOLUTION) {
-        shapes.extend(run(Some(DEEP)).shapes);
+        shapes.extend(run(Some(DEEP_CONTACT)).shapes);
     }
-    // Intersecting components, and the two sides of a thin sheet, may fare better where each collapses freely.
+    // Components that intersect each other, and the two sides of a thin sheet, may score better if each collapses
+    // freely.
     let free = free.or_else(|| is_stuck.then(|| run(None)));
     shapes.extend(free.into_iter().flat_map(|collapsed| collapsed.shapes));
     shapes
 }
 
-/// Drops the faces that nothing sees from a mesh a few times as large as the largest budget; `None` if cancelled.
+/// Collapses the mesh to a few times the largest budget, and removes the faces that nothing sees. `None` if cancelled.
 fn prepare(inputs: &Inputs<'_>, params: &SimplifyParams, input: &SimplifyInput) -> Option<Simplifier> {
     let is_cancelled = || inputs.cancellation.is_cancelled();
     let unit = to_unit_sphere(&input.mesh, &inputs.sphere);
@@ -65,7 +63,7 @@ fn prepare(inputs: &Inputs<'_>, params: &SimplifyParams, input: &SimplifyInput) 
     simplifier.stop_with(inputs.cancellation);
     let largest = params.budgets.last().copied().unwrap_or(0) as usize;
     if params.collapse.remove_invisible {
-        simplifier.drop_negligible_components(largest, NEGLIGIBLE_FACES);
+        simplifier.remove_negligible_components(largest, NEGLIGIBLE_FACES);
         simplifier.run(ENCLOSED_AT * largest);
         if is_cancelled() {
             return None;
@@ -88,17 +86,17 @@ struct Collapse<'a> {
     double_sided: bool,
 }
 
-/// Shapes that one mesh was collapsed to.
+/// The shapes to which one mesh was collapsed.
 struct Collapsed {
-    /// One per budget, in their order.
+    /// One for each budget, in the order of the budgets.
     shapes: Vec<Shape>,
-    /// A budget could only be met by more self-intersecting faces.
+    /// True if a budget was met only by collapses that add self-intersections.
     is_stuck: bool,
 }
 
 impl Collapse<'_> {
-    /// Collapses to each budget, the largest first. Contacts are resolved on the way up to `depth`, a fraction of the mean
-    /// edge; with `None` the mesh may intersect itself.
+    /// Collapses to each budget, the largest first. Before the first and after each collapse, contacts up to `depth`, a
+    /// fraction of the mean edge length, are resolved. With `None` the mesh may intersect itself.
     fn run(&self, mut simplifier: Simplifier, depth: Option<f64>) -> Collapsed {
         let Self { inputs, params, candidate, double_sided } = *self;
         let resolve = |simplifier: &mut Simplifier| {
@@ -108,7 +106,7 @@ impl Collapse<'_> {
         let mut shapes = Vec::new();
         for &budget in params.budgets.iter().rev().take_while(|_| !inputs.cancellation.is_cancelled()) {
             if params.collapse.remove_invisible {
-                simplifier.drop_negligible_components(budget as usize, NEGLIGIBLE_FACES);
+                simplifier.remove_negligible_components(budget as usize, NEGLIGIBLE_FACES);
             }
             let shortfall = match simplifier.faces() <= budget as usize {
                 _ if inputs.tools.has_joint_planes() => Shortfall::JointPlanes,
@@ -124,8 +122,8 @@ impl Collapse<'_> {
         Collapsed { shapes, is_stuck: simplifier.is_stuck() }
     }
 
-    /// The mesh of the simplifier, split along the joint planes within the budget. To make room, a copy of the simplifier
-    /// collapses further by as many faces as the split adds.
+    /// The mesh of the simplifier, split along the joint planes within the budget. To make room, a copy of the
+    /// simplifier first collapses further, by as many faces as the split adds.
     fn with_joint_planes(&self, simplifier: &Simplifier, budget: usize) -> TriMesh {
         let Self { inputs, params, .. } = *self;
         let mesh = from_unit_sphere(simplifier.mesh(), &inputs.sphere);
@@ -141,7 +139,7 @@ impl Collapse<'_> {
     }
 }
 
-/// Motions of points in the unit sphere, there.
+/// Motions of points in the unit sphere, in the coordinates of the unit sphere.
 fn motions_in_unit_sphere(inputs: &Inputs<'_>, poses: &Poses<'_>, unit: &[Vec3]) -> Motions {
     let BoundingSphere { centre, radius } = inputs.sphere;
     let positions: Vec<Vec3> = unit.iter().map(|p| *p * radius + centre).collect();
@@ -149,8 +147,8 @@ fn motions_in_unit_sphere(inputs: &Inputs<'_>, poses: &Poses<'_>, unit: &[Vec3])
     poses.motions_by_closest_point(inputs.bvh, &positions).rebased(from_unit)
 }
 
-/// Faces of a mesh in the unit sphere that nothing sees: no camera sees them in motion, and no ray from them escapes at
-/// rest.
+/// Faces of a mesh in the unit sphere that nothing sees: no camera sees them in motion, and no ray from them escapes in
+/// the rest pose.
 fn enclosed(inputs: &Inputs<'_>, unit: &TriMesh, double_sided: bool) -> Vec<bool> {
     let mesh = from_unit_sphere(unit.clone(), &inputs.sphere);
     let mut enclosed: Vec<bool> =

@@ -1,4 +1,4 @@
-//! How far a level is from what can be seen of its source.
+//! Distances between a level and the visible surface of its source.
 
 use glam::Vec3;
 use rayon::prelude::*;
@@ -7,26 +7,26 @@ use super::opaque::OpaqueSurface;
 use crate::data::{Deviation, TriMesh, bounds};
 use crate::geometry::{Bvh, fibonacci_directions};
 
-/// Points taken on each surface, about.
+/// Approximate number of points on each surface.
 const POINTS: usize = 8192;
-/// Rays that decide whether a point of the source can be seen.
+/// Rays that decide if a point of the source is visible.
 const RAYS: usize = 16;
 
 /// Measures levels against one source.
 pub struct DeviationMetric<'a> {
     opaque: &'a OpaqueSurface,
     diagonal: f32,
-    /// Points of the source that can be seen.
+    /// Visible points of the source.
     points: Vec<Vec3>,
 }
 
 impl<'a> DeviationMetric<'a> {
-    /// Finds the points of the source that can be seen.
+    /// Samples the source and keeps the visible points.
     pub fn new(opaque: &'a OpaqueSurface) -> Self {
         let (low, high) = bounds(&opaque.mesh.positions);
         let diagonal = low.distance(high).max(f32::MIN_POSITIVE);
         let directions = fibonacci_directions(2 * RAYS);
-        let is_seen = |(p, n): &(Vec3, Vec3)| {
+        let is_visible = |(p, n): &(Vec3, Vec3)| {
             let lift = 1e-4 * diagonal;
             directions.iter().any(|&d| {
                 let side = if d.dot(*n) < 0.0 { -*n } else { *n };
@@ -34,10 +34,11 @@ impl<'a> DeviationMetric<'a> {
             })
         };
         let all = points(&opaque.mesh, POINTS);
-        Self { opaque, diagonal, points: all.into_par_iter().filter(is_seen).map(|(p, _)| p).collect() }
+        Self { opaque, diagonal, points: all.into_par_iter().filter(is_visible).map(|(p, _)| p).collect() }
     }
 
-    /// Distances between the level and the visible part of the source, both ways.
+    /// Distances from the level to the source and from the visible source to the level, as fractions of the diagonal of
+    /// the source's bounding box.
     pub fn measure(&self, level: &TriMesh) -> Deviation {
         let bvh = Bvh::new(&level.positions, &level.triangles);
         let distance =
@@ -53,7 +54,7 @@ impl<'a> DeviationMetric<'a> {
     }
 }
 
-/// About `n` points spread over a surface by area, with the normals of their faces.
+/// About `n` points on a surface, spread by area, with the unit normals of their faces.
 fn points(mesh: &TriMesh, n: usize) -> Vec<(Vec3, Vec3)> {
     let area = |t: usize| f64::from(mesh.area_vector(t).length());
     let total: f64 = (0..mesh.triangles.len()).map(area).sum();

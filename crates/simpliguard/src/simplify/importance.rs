@@ -1,4 +1,4 @@
-//! Weights of the source's triangles: "keep the face".
+//! Weights of the source's triangles: the face of a character may count more than its coat.
 
 use glam::Vec3;
 use serde::Serialize;
@@ -9,21 +9,21 @@ use crate::data::{MaterialWeight, Model, TriMesh};
 use crate::geometry::Bvh;
 use crate::render::{EMPTY_PIXEL, Raster, View};
 
-/// Weights of materials and of painted vertices.
+/// Parameters of the weights: by material and by paint.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct ImportanceParams {
-    /// The last that matches a material's name applies.
+    /// The last entry that matches a material's name applies.
     pub materials: Vec<MaterialWeight>,
-    /// Weight where the red of the second vertex colour is one.
+    /// Weight where the red channel of the second vertex colour is one.
     pub painted: f32,
 }
 
-/// Weights of a source's triangles.
+/// The weight of each triangle of a source.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Importance(Vec<f32>);
 
 impl Importance {
-    /// Weights by the names of materials and by the second vertex colour; `None` if all triangles count alike.
+    /// Weights from the names of materials and from the second vertex colour; `None` if all triangles count alike.
     ///
     /// # Errors
     /// If a glob is malformed.
@@ -32,7 +32,7 @@ impl Importance {
         for group in &params.materials {
             let matcher = group
                 .matcher()
-                .ok_or_else(|| Error::Settings(format!("importance: '{}' is no glob", group.material)))?;
+                .ok_or_else(|| Error::Settings(format!("importance: '{}' is not a glob", group.material)))?;
             for (weight, material) in by_material.iter_mut().zip(&model.materials) {
                 if matcher.is_match(&material.name) {
                     *weight = group.weight;
@@ -49,20 +49,22 @@ impl Importance {
         Ok(weights.iter().any(|w| *w != 1.0).then_some(Self(weights)))
     }
 
-    /// Weights by triangle of the source.
+    /// The weight of each triangle of the source.
     pub(crate) fn weights(&self) -> &[f32] {
         &self.0
     }
 
-    /// Weights of the faces of a mesh near the source: each takes the weight of the triangle of `bvh`, over the source, that
-    /// is nearest to its centroid.
+    /// Weights of the faces of a mesh near the source. Each face takes the weight of the source's triangle that is
+    /// nearest to the face's centroid. `bvh` holds the triangles of the source.
     pub(super) fn of_faces(&self, mesh: &TriMesh, bvh: &Bvh) -> Vec<f64> {
-        let middle = |t: usize| mesh.corners(t).iter().sum::<Vec3>() / 3.0;
-        let near = |t: usize| bvh.closest(middle(t), f32::INFINITY).map_or(1.0, |hit| self.0[hit.triangle as usize]);
-        (0..mesh.triangles.len()).map(|t| f64::from(near(t))).collect()
+        let centroid = |t: usize| mesh.corners(t).iter().sum::<Vec3>() / 3.0;
+        let weight =
+            |t: usize| bvh.closest(centroid(t), f32::INFINITY).map_or(1.0, |hit| self.0[hit.triangle as usize]);
+        (0..mesh.triangles.len()).map(|t| f64::from(weight(t))).collect()
     }
 
-    /// Weights of the pixels of each view: the weight of the visible triangle, and one beside the source.
+    /// Weights of the pixels of each view: the weight of the visible triangle, or one where the view does not show the
+    /// source.
     pub(super) fn of_pixels(&self, model: &Model, poses: Option<&Poses<'_>>, views: &[&View]) -> Vec<Vec<f32>> {
         let surface = &model.surface;
         let motions = poses.map_or_else(Motions::default, |poses| poses.motions(&surface.influences));
@@ -82,7 +84,7 @@ mod tests {
     use super::*;
     use crate::data::{Material, Surface};
 
-    /// Two squares of two triangles, side by side: the left one is of `Face`.
+    /// Two squares of two triangles, side by side. The left one has the material `HeroFace`.
     fn squares() -> Model {
         let positions = (0..6).map(|i| Vec3::new((i % 3) as f32, (i / 3) as f32, 0.0)).collect();
         let surface = Surface {

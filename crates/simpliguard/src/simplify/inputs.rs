@@ -1,4 +1,4 @@
-//! Everything that candidates are made from and scored by.
+//! The inputs of the stage: the source, its views, and the work of other stages.
 
 use super::deviation::DeviationMetric;
 use super::importance::Importance;
@@ -9,41 +9,41 @@ use crate::data::{Influences, Model, Reconstruction, TriMesh};
 use crate::geometry::{BoundingSphere, Bvh};
 use crate::render::View;
 
-/// The source, prepared for the stage.
+/// Everything that candidates are generated from and scored by.
 pub struct Inputs<'a> {
     /// The source.
     pub model: &'a Model,
-    /// Over its triangles.
+    /// Over the triangles of the source.
     pub bvh: &'a Bvh,
-    /// Connected part of each triangle. Empty for a source that keeps still.
-    pub parts: &'a [u32],
-    /// Its triangles that are not all but clear.
+    /// Connected component of each triangle of the source. Empty for a source that does not move.
+    pub components: &'a [u32],
+    /// The triangles of the source that are not nearly transparent.
     pub opaque: &'a OpaqueSurface,
-    /// Measures distances to them.
+    /// Measures distances to the opaque triangles.
     pub deviation_metric: &'a DeviationMetric<'a>,
-    /// Around the source.
+    /// Bounding sphere of the source.
     pub sphere: BoundingSphere,
     /// Views of the source, in the rest pose and in `poses`.
     pub views: &'a [View],
-    /// Poses that the clips of the source put it in.
+    /// Poses from the clips of the source; `None` if it does not move.
     pub poses: Option<&'a Poses<'a>>,
-    /// Weights of the triangles; `None` if all count alike.
+    /// Weights of the source's triangles; `None` if all count alike.
     pub importance: Option<&'a Importance>,
-    /// The other stages.
+    /// The work of other stages.
     pub tools: &'a dyn Tools,
-    /// Looked at within the steps.
+    /// Ends the stage early.
     pub cancellation: &'a Cancellation,
 }
 
 /// Work of other stages that candidates need. Stages do not import each other: the pipeline hands this in.
 pub trait Tools: Sync {
-    /// A watertight surface around `mesh`, whose triangles `bvh` holds.
+    /// A watertight surface around `mesh`. `bvh` holds the triangles of `mesh`.
     fn reconstruct(&self, mesh: &TriMesh, bvh: &Bvh, params: &Reconstruction) -> TriMesh;
 
-    /// Influences of each vertex of a mesh in the rest pose, taken over from the source.
+    /// Influences of each vertex of a mesh in the rest pose, transferred from the source.
     fn influences(&self, mesh: &TriMesh) -> Vec<Influences>;
 
-    /// There are planes to split faces along.
+    /// True if there are planes along which faces are split.
     fn has_joint_planes(&self) -> bool;
 
     /// `mesh` with its faces split along the joint planes, within `most` faces.
@@ -51,12 +51,12 @@ pub trait Tools: Sync {
 }
 
 impl Inputs<'_> {
-    /// The connected part of the source that a triangle belongs to.
-    pub(super) fn part(&self, triangle: u32) -> u32 {
-        self.parts[triangle as usize]
+    /// The connected component of a triangle of the source.
+    pub(super) fn component(&self, triangle: u32) -> u32 {
+        self.components[triangle as usize]
     }
 
-    /// Motions of a mesh in the rest pose into all poses.
+    /// Motions of a mesh from the rest pose into all poses.
     pub(super) fn motions(&self, mesh: &TriMesh) -> Motions {
         self.poses.map_or_else(Motions::default, |poses| poses.all_motions(&self.tools.influences(mesh)))
     }

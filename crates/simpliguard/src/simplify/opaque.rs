@@ -1,4 +1,4 @@
-//! The part of a source that has a shape: what is all but clear does not.
+//! The opaque surface of a source: its triangles without those that are nearly transparent.
 
 use glam::Vec3;
 use rayon::prelude::*;
@@ -7,9 +7,9 @@ use crate::data::{AlphaMode, TriMesh};
 use crate::geometry::Bvh;
 use crate::render::{Footprint, SurfaceSampler};
 
-/// Least mean opacity of a blended triangle, and least part of a masked one that is not cut out.
+/// Least mean opacity of a blended triangle, and least fraction of a masked triangle that is not cut out.
 const OPACITY: f32 = 0.25;
-/// Points of a triangle whose opacity is looked at.
+/// Barycentric coordinates of the points of a triangle at which its opacity is sampled.
 const POINTS: [[f32; 3]; 7] = [
     [0.34, 0.33, 0.33],
     [0.8, 0.1, 0.1],
@@ -20,18 +20,19 @@ const POINTS: [[f32; 3]; 7] = [
     [0.1, 0.45, 0.45],
 ];
 
-/// A source's triangles without those that are all but clear, such as the cornea of an eye. All of them, if all are.
+/// A source's triangles without those that are nearly transparent, such as the cornea of an eye. If all are nearly
+/// transparent, all are kept.
 pub struct OpaqueSurface {
     /// The triangles.
     pub mesh: TriMesh,
-    /// Over `mesh`.
+    /// Over the triangles of `mesh`.
     pub bvh: Bvh,
     /// Index of each triangle in the source.
     pub source: Vec<u32>,
 }
 
 impl OpaqueSurface {
-    /// Sorts out the triangles of the sampled model.
+    /// Sorts out the nearly transparent triangles of the sampled model.
     pub fn of(sampler: &SurfaceSampler<'_>) -> Self {
         let surface = &sampler.model().surface;
         let all: Vec<u32> = (0..surface.triangles.len() as u32).collect();

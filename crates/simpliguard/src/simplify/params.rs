@@ -4,29 +4,29 @@ use serde::Serialize;
 
 use crate::data::{Candidate, Reconstruction};
 
-/// How shapes are found.
+/// Parameters of the whole stage.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct SimplifyParams {
     /// Face budgets, ascending.
     pub budgets: Vec<u32>,
     /// Candidates that compete.
     pub candidates: CandidateParams,
-    /// How each candidate is collapsed.
+    /// The collapse of each candidate.
     pub collapse: CollapseParams,
 }
 
 /// Candidates that compete for each budget.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct CandidateParams {
-    /// The reconstruction that is always tried, if any is.
+    /// The reconstruction that is always generated, if any is.
     pub reconstruction: Option<Reconstruction>,
-    /// Tried unless the source's own triangles serve as well as the first reconstruction.
+    /// Generated unless the source's own triangles score as well as the first reconstruction.
     pub fine: Option<Reconstruction>,
-    /// Tried only where parts lie close together.
+    /// Generated only if components of the source lie close together.
     pub thick: Option<Reconstruction>,
-    /// Tried only where the best shape intersects itself.
+    /// Generated only if the best shape intersects itself.
     pub finer: Option<Reconstruction>,
-    /// The source's own triangles are tried.
+    /// The source's own triangles compete.
     pub source: bool,
     /// Foliage becomes cards.
     pub cards: bool,
@@ -40,10 +40,10 @@ impl CandidateParams {
     }
 }
 
-/// How a candidate is collapsed to the budgets.
+/// The collapse of a candidate to the budgets.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct CollapseParams {
-    /// Faces that no view reaches are dropped.
+    /// Faces that no view sees are removed.
     pub remove_invisible: bool,
     /// Fraction of a face's quadric weight that comes from its visible size and not from its area, 0 to 1.
     pub visible_weight: f64,

@@ -1,8 +1,8 @@
 //! Scores a low-poly mesh by rendering, before it has texture coordinates.
 //!
-//! Each face is divided into cells, as many as its part of the surface deserves. The best colour of a cell is the mean of
-//! what the source shows there, over all views; what is left after painting every cell so, together with the pixels the
-//! silhouettes disagree on, is the error that no texture of that resolution removes.
+//! Each face is divided into cells, in proportion to its area. The best colour of a cell is the mean of the source's
+//! pixels there, over all views. Every cell is painted with its best colour. The remaining difference, with the pixels
+//! in which the silhouettes disagree, is the error that no texture of that resolution removes.
 
 use glam::{Vec4, Vec4Swizzles};
 use rayon::prelude::*;
@@ -15,7 +15,7 @@ use crate::data::TriMesh;
 use crate::render::raster::{barycentric_at, barycentric_coefficients, pixel_to_ndc};
 use crate::render::{EMPTY_PIXEL, Raster, View};
 
-/// One view in this many scores shapes.
+/// Every this many views, one scores shapes.
 const VIEW_STRIDE: usize = 3;
 /// Approximate number of cells over the whole mesh.
 const CELLS: f32 = 65_536.0;
@@ -24,10 +24,10 @@ const MOST_ALONG: u32 = 256;
 /// Weight of the squared coverage error against those of the three colours.
 const COVERAGE_WEIGHT: f32 = 1.5;
 
-/// Scores shapes by a third of the views.
+/// Scores shapes by one view in [`VIEW_STRIDE`].
 pub(super) struct Scorer<'a> {
     views: Vec<&'a View>,
-    /// A factor for each pixel of each view; empty if all count alike.
+    /// A weight for each pixel of each view; empty if all count alike.
     weights: Vec<Vec<f32>>,
 }
 
@@ -49,40 +49,41 @@ impl<'a> Scorer<'a> {
     /// Mean squared error per pixel with the best colour in each cell, 0 to about 4.
     fn render_error(&self, painter: &Painter<'_>) -> f64 {
         let views = &self.views;
-        let seen: Vec<Vec<Seen>> = views.par_iter().map(|view| painter.look(view)).collect();
-        let cells = painter.best_colors(views, &seen);
-        let error = |(v, (view, seen)): (usize, (&&View, &Vec<Seen>))| {
-            let of_pixel = |&Seen { pixel, cell }: &Seen| {
+        let covered: Vec<Vec<CoveredPixel>> = views.par_iter().map(|view| painter.covered_pixels(view)).collect();
+        let cells = painter.best_colors(views, &covered);
+        let error = |(v, (view, covered)): (usize, (&&View, &Vec<CoveredPixel>))| {
+            let of_pixel = |&CoveredPixel { pixel, cell }: &CoveredPixel| {
                 let painted = if cell == NO_CELL { Vec4::ZERO } else { cells[cell as usize] };
                 let d = painted - view.image.at(pixel as usize);
                 let weight = self.weights.get(v).map_or(1.0, |weights| weights[pixel as usize]);
                 f64::from(weight * (d.xyz().length_squared() + COVERAGE_WEIGHT * d.w * d.w))
             };
-            seen.iter().map(of_pixel).sum::<f64>() / (view.image.size * view.image.size) as f64
+            covered.iter().map(of_pixel).sum::<f64>() / (view.image.size * view.image.size) as f64
         };
-        let errors: Vec<f64> = views.par_iter().zip(&seen).enumerate().map(error).collect();
+        let errors: Vec<f64> = views.par_iter().zip(&covered).enumerate().map(error).collect();
         errors.iter().sum::<f64>() / views.len().max(1) as f64
     }
 }
 
-/// Cell of a pixel that only the source covers.
+/// The cell of a pixel that only the source covers.
 const NO_CELL: u32 = u32::MAX;
 
 /// A pixel that the mesh or the source covers.
-struct Seen {
-    /// Its index.
+struct CoveredPixel {
+    /// Index of the pixel in its view.
     pixel: u32,
-    /// What it sees of the mesh, or [`NO_CELL`].
+    /// Cell of the mesh that the pixel shows, or [`NO_CELL`].
     cell: u32,
 }
 
+/// Divides the faces of a mesh into cells, and finds the best colour of each.
 struct Painter<'a> {
     mesh: &'a TriMesh,
     motions: &'a Motions,
     double_sided: bool,
     /// Cells along the side of each face's square of barycentric coordinates.
     sides: Vec<u32>,
-    /// The first cell of each face, and behind the last one how many there are.
+    /// The first cell of each face, followed by the number of all cells.
     first: Vec<u32>,
 }
 
@@ -104,8 +105,8 @@ impl<'a> Painter<'a> {
         self.first[self.mesh.triangles.len()] as usize
     }
 
-    /// Every pixel that the mesh or the source covers.
-    fn look(&self, view: &View) -> Vec<Seen> {
+    /// All pixels of a view that the mesh or the source covers.
+    fn covered_pixels(&self, view: &View) -> Vec<CoveredPixel> {
         let size = view.image.size;
         let mut clip = Vec::new();
         self.motions.project(&self.mesh.positions, &view.camera.view_projection, view.pose, &mut clip);
@@ -113,7 +114,7 @@ impl<'a> Painter<'a> {
         raster.draw(&clip, &self.mesh.triangles, |_| self.double_sided);
         let coefficients: Vec<_> =
             self.mesh.triangles.iter().map(|t| barycentric_coefficients(t.map(|v| clip[v as usize]))).collect();
-        let mut seen = Vec::new();
+        let mut covered = Vec::new();
         for y in 0..size {
             let ndc_y = pixel_to_ndc(y, size);
             for x in 0..size {
@@ -121,7 +122,7 @@ impl<'a> Painter<'a> {
                 let id = raster.ids[i];
                 if id == EMPTY_PIXEL {
                     if view.image.pixels[i][3] != 0 {
-                        seen.push(Seen { pixel: i as u32, cell: NO_CELL });
+                        covered.push(CoveredPixel { pixel: i as u32, cell: NO_CELL });
                     }
                     continue;
                 }
@@ -129,18 +130,22 @@ impl<'a> Painter<'a> {
                 let side = self.sides[id as usize];
                 let along = |c: f32| ((c * side as f32) as u32).min(side - 1);
                 let cell = self.first[id as usize] + along(b.x) * side + along(b.y);
-                seen.push(Seen { pixel: i as u32, cell });
+                covered.push(CoveredPixel { pixel: i as u32, cell });
             }
         }
-        seen
+        covered
     }
 
-    /// The best colour of each cell: the mean over the views.
-    fn best_colors(&self, views: &[&View], seen: &[Vec<Seen>]) -> Vec<Vec4> {
-        // Sums over views in a fixed order: one partial sum per chunk, however many threads there are.
+    /// The best colour of each cell: the mean over the views; grey for a cell that no view shows.
+    fn best_colors(&self, views: &[&View], covered: &[Vec<CoveredPixel>]) -> Vec<Vec4> {
+        // The order of the sums does not depend on the number of threads: one partial sum for each of at most four
+        // chunks.
         let chunk = views.len().div_ceil(4).max(1);
-        let sums: Vec<Vec<Vec4>> =
-            views.par_chunks(chunk).zip(seen.par_chunks(chunk)).map(|(views, seen)| self.sums(views, seen)).collect();
+        let sums: Vec<Vec<Vec4>> = views
+            .par_chunks(chunk)
+            .zip(covered.par_chunks(chunk))
+            .map(|(views, covered)| self.sums(views, covered))
+            .collect();
         let mut cells = vec![Vec4::ZERO; self.cells()];
         for partial in &sums {
             cells.iter_mut().zip(partial).for_each(|(a, b)| *a += *b);
@@ -149,11 +154,11 @@ impl<'a> Painter<'a> {
         cells
     }
 
-    /// For each cell, the sum of the source's pixels that it covers wholly.
-    fn sums(&self, views: &[&View], seen: &[Vec<Seen>]) -> Vec<Vec4> {
+    /// For each cell, the sum of the source's fully covered pixels there.
+    fn sums(&self, views: &[&View], covered: &[Vec<CoveredPixel>]) -> Vec<Vec4> {
         let mut cells = vec![Vec4::ZERO; self.cells()];
-        for (view, seen) in views.iter().zip(seen) {
-            for &Seen { pixel, cell } in seen.iter().filter(|seen| seen.cell != NO_CELL) {
+        for (view, covered) in views.iter().zip(covered) {
+            for &CoveredPixel { pixel, cell } in covered.iter().filter(|pixel| pixel.cell != NO_CELL) {
                 let target = view.image.at(pixel as usize);
                 if target.w > 0.999 {
                     cells[cell as usize] += target;

@@ -1,63 +1,64 @@
 //! Selects the best of several shapes for a budget.
 //!
-//! Shapes are compared by their render error. A tenth of a decibel, which a texture may paint over, is worth neither a
-//! surface twice as far from the source, nor self-intersecting faces, nor cracks: all of them add to the score.
+//! The score of a shape is its render error, raised by its distance to the source, its self-intersecting faces and its
+//! cracks; the lowest score wins. So a gain of a tenth of a decibel, which a texture may paint over, cannot make up for
+//! any of them.
 
 use super::self_intersection::{SEVERE, TOLERATED};
 use super::shape::Shape;
 use crate::data::Candidate;
 use crate::geometry::Topology;
 
-/// Factor on the score of a shape that is hardly self-intersecting.
+/// Factor on the score of a shape that exceeds the tolerated self-intersections only just.
 const SLIGHT_HANDICAP: f64 = 1.05;
-/// Factor on the score of a shape that is badly self-intersecting: one decibel.
+/// Factor on the score of a severely self-intersecting shape: one decibel.
 const FULL_HANDICAP: f64 = 1.26;
-/// A finer reconstruction is tried where the best clean score is at most this many times the score of a self-intersecting
-/// winner.
+/// A finer reconstruction is generated if the best clean score is at most this many times the score of a
+/// self-intersecting winner.
 const WITHIN_REACH: f64 = 1.27;
-/// The score of a shape that is twice as far from the source as the closest one grows by this fraction.
+/// A shape that is twice as far from the source as the closest shape has its score raised by this fraction.
 const DISTANCE_WEIGHT: f64 = 0.2;
-/// As [`DISTANCE_WEIGHT`], for a shape all of whose faces are self-intersecting.
+/// A shape of which all faces are self-intersecting has its score raised by this fraction.
 const INTERSECTION_WEIGHT: f64 = 0.6;
-/// As [`DISTANCE_WEIGHT`], for a shape with as many edges on its boundary as faces. Views that do not score see cracks, and
-/// vertices beside them have less room to be refined.
+/// A shape with as many boundary edges as faces has its score raised by this fraction. Other views than those that
+/// score may show the cracks, and vertices beside them have less room to be refined.
 const BOUNDARY_WEIGHT: f64 = 0.2;
 /// Handles that a shape may have and still count as one piece.
 const FEW_HANDLES: i64 = 2;
 /// Distances below this are equal, as a fraction of the diagonal of the source's bounding box.
 const EQUAL_DISTANCE: f32 = 2e-5;
 
-/// The source's own triangles collapse to sound surfaces that score as well as any reconstruction. Finer reconstructions
-/// would only come as close as they do.
+/// True if the source's own triangles collapse, for every budget, to a clean surface that scores as well as any
+/// reconstruction. Finer reconstructions can only come closer to the same surface then.
 pub(super) fn source_serves(selections: &[Selection]) -> bool {
-    let is_sound = |selection: &Selection| {
-        selection.0.iter().any(|e| e.shape.candidate == Candidate::Source && !e.self_intersects())
+    let is_clean = |selection: &Selection| {
+        selection.0.iter().any(|c| c.shape.candidate == Candidate::Source && !c.self_intersects())
     };
     let wins = |selection: &Selection| {
-        let scored = selection.0.iter().map(|entry| (entry.shape.candidate, selection.score(entry)));
+        let scored = selection.0.iter().map(|contestant| (contestant.shape.candidate, selection.score(contestant)));
         scored.min_by(|a, b| a.1.total_cmp(&b.1)).is_some_and(|(candidate, _)| candidate == Candidate::Source)
     };
-    !selections.is_empty() && selections.iter().all(|selection| is_sound(selection) && wins(selection))
+    !selections.is_empty() && selections.iter().all(|selection| is_clean(selection) && wins(selection))
 }
 
 /// The shapes for one budget.
 #[derive(Default)]
-pub(super) struct Selection(Vec<Entry>);
+pub(super) struct Selection(Vec<Contestant>);
 
-/// A shape and its topology.
-struct Entry {
+/// A shape in the selection, and its topology.
+struct Contestant {
     shape: Shape,
     topology: Topology,
 }
 
-impl From<Shape> for Entry {
+impl From<Shape> for Contestant {
     fn from(shape: Shape) -> Self {
         Self { topology: Topology::of(&shape.mesh), shape }
     }
 }
 
-impl Entry {
-    /// Fraction of the faces that intersect others.
+impl Contestant {
+    /// Fraction of the faces that are self-intersecting.
     fn self_intersecting_fraction(&self) -> f64 {
         self.shape.self_intersecting as f64 / self.faces()
     }
@@ -90,28 +91,28 @@ impl Selection {
         self.0.is_empty()
     }
 
-    /// No reconstruction is in one piece with few handles and free of self-intersections. Parts lie close together then, and a
-    /// thick surface may run around them.
+    /// True if no reconstruction is in one piece, with few handles and clean. Components of the source lie close
+    /// together then, and a thick surface may enclose them.
     pub(super) fn wants_thick(&self) -> bool {
         let mut reconstructions =
-            self.0.iter().filter(|entry| matches!(entry.shape.candidate, Candidate::Reconstruction(_)));
-        !reconstructions.any(Entry::is_in_one_piece)
+            self.0.iter().filter(|contestant| matches!(contestant.shape.candidate, Candidate::Reconstruction(_)));
+        !reconstructions.any(Contestant::is_in_one_piece)
     }
 
-    /// A finer reconstruction may be free of the self-intersections of the best shape.
+    /// True if the best shape intersects itself and a finer reconstruction may score as well without.
     pub(super) fn wants_finer(&self) -> bool {
         let best = |self_intersecting: bool| {
-            let entries = self.0.iter().filter(|entry| entry.self_intersects() == self_intersecting);
-            entries.map(|entry| self.handicapped(entry)).fold(f64::INFINITY, f64::min)
+            let contestants = self.0.iter().filter(|contestant| contestant.self_intersects() == self_intersecting);
+            contestants.map(|contestant| self.handicapped(contestant)).fold(f64::INFINITY, f64::min)
         };
         let (clean, self_intersecting) = (best(false), best(true));
         self_intersecting < clean && self_intersecting * WITHIN_REACH >= clean && self.finest_renders_best()
     }
 
-    /// The finest reconstruction renders better than coarser ones, and there are coarser ones.
+    /// True if the finest of several reconstructions has the least render error.
     fn finest_renders_best(&self) -> bool {
-        let reconstructions = self.0.iter().filter_map(|entry| match entry.shape.candidate {
-            Candidate::Reconstruction(params) => Some((params.resolution, entry.shape.render_error)),
+        let reconstructions = self.0.iter().filter_map(|contestant| match contestant.shape.candidate {
+            Candidate::Reconstruction(params) => Some((params.resolution, contestant.shape.render_error)),
             _ => None,
         });
         let cells = || reconstructions.clone().map(|r| r.0);
@@ -119,28 +120,30 @@ impl Selection {
         best == cells().max() && best > cells().min()
     }
 
-    /// The best shape.
+    /// The shape with the lowest score, handicap included.
     pub(super) fn into_best(self) -> Option<Shape> {
-        let scores: Vec<f64> = self.0.iter().map(|entry| self.handicapped(entry)).collect();
-        let candidates = self.0.into_iter().zip(scores);
-        candidates.reduce(|best, next| if next.1 < best.1 { next } else { best }).map(|(entry, _)| entry.shape)
+        let scores: Vec<f64> = self.0.iter().map(|contestant| self.handicapped(contestant)).collect();
+        let contestants = self.0.into_iter().zip(scores);
+        contestants
+            .reduce(|best, next| if next.1 < best.1 { next } else { best })
+            .map(|(contestant, _)| contestant.shape)
     }
 
-    /// The score with the handicap of a self-intersecting shape.
-    fn handicapped(&self, entry: &Entry) -> f64 {
-        if !entry.self_intersects() {
-            return self.score(entry);
+    /// The score, with the handicap if the shape intersects itself.
+    fn handicapped(&self, contestant: &Contestant) -> f64 {
+        if !contestant.self_intersects() {
+            return self.score(contestant);
         }
-        let severity = (entry.self_intersecting_fraction() - TOLERATED) / (SEVERE - TOLERATED);
-        self.score(entry) * (SLIGHT_HANDICAP + (FULL_HANDICAP - SLIGHT_HANDICAP) * severity.min(1.0))
+        let severity = (contestant.self_intersecting_fraction() - TOLERATED) / (SEVERE - TOLERATED);
+        self.score(contestant) * (SLIGHT_HANDICAP + (FULL_HANDICAP - SLIGHT_HANDICAP) * severity.min(1.0))
     }
 
-    fn score(&self, entry: &Entry) -> f64 {
-        let closest = self.0.iter().map(Entry::distance).fold(f64::INFINITY, f64::min);
-        let boundary = entry.topology.edges.boundary as f64 / entry.faces();
-        entry.shape.render_error
-            * (1.0 + DISTANCE_WEIGHT * (entry.distance() / closest - 1.0))
-            * (1.0 + INTERSECTION_WEIGHT * entry.self_intersecting_fraction())
+    fn score(&self, contestant: &Contestant) -> f64 {
+        let closest = self.0.iter().map(Contestant::distance).fold(f64::INFINITY, f64::min);
+        let boundary = contestant.topology.edges.boundary as f64 / contestant.faces();
+        contestant.shape.render_error
+            * (1.0 + DISTANCE_WEIGHT * (contestant.distance() / closest - 1.0))
+            * (1.0 + INTERSECTION_WEIGHT * contestant.self_intersecting_fraction())
             * (1.0 + BOUNDARY_WEIGHT * boundary)
     }
 }
@@ -151,10 +154,10 @@ mod tests {
     use crate::data::{Deviation, TriMesh};
     use crate::simplify::shape::Shortfall;
 
-    /// Twenty-five closed parts of four faces.
+    /// Twenty-five closed components of four faces.
     fn tetrahedra() -> TriMesh {
         let faces = [[0, 1, 2], [0, 3, 1], [0, 2, 3], [1, 3, 2]];
-        let triangles = (0..25u32).flat_map(|part| faces.map(|face| face.map(|v| v + 4 * part))).collect();
+        let triangles = (0..25u32).flat_map(|i| faces.map(|face| face.map(|v| v + 4 * i))).collect();
         TriMesh { positions: vec![glam::Vec3::ZERO; 100], triangles }
     }
 
@@ -172,7 +175,7 @@ mod tests {
     }
 
     fn of<const N: usize>(shapes: [Shape; N]) -> Selection {
-        Selection(shapes.into_iter().map(Entry::from).collect())
+        Selection(shapes.into_iter().map(Contestant::from).collect())
     }
 
     fn winner<const N: usize>(shapes: [Shape; N]) -> f64 {
@@ -180,14 +183,14 @@ mod tests {
     }
 
     #[test]
-    fn the_better_picture_wins_unless_its_surface_is_much_farther_off() {
+    fn the_better_image_wins_unless_its_surface_is_much_farther_off() {
         assert_eq!(winner([shape(1.0, 1e-3, 0), shape(0.9, 1e-3, 0)]), 0.9);
         assert_eq!(winner([shape(1.0, 1e-3, 0), shape(0.9, 4e-3, 0)]), 1.0);
         assert_eq!(winner([shape(1.0, 0.0, 0), shape(0.9, 1e-5, 0)]), 0.9);
     }
 
     #[test]
-    fn a_tangled_shape_wins_by_a_decibel_or_alone() {
+    fn a_self_intersecting_shape_wins_by_a_decibel_or_alone() {
         assert_eq!(winner([shape(1.0, 1e-3, 0), shape(0.85, 1e-3, 9)]), 1.0);
         assert_eq!(winner([shape(1.0, 1e-3, 1), shape(0.7, 1e-3, 9)]), 0.7);
         assert_eq!(winner([shape(0.85, 1e-3, 9)]), 0.85);
@@ -196,7 +199,7 @@ mod tests {
     }
 
     #[test]
-    fn of_two_tangled_shapes_the_one_with_fewer_crossing_faces_may_render_worse() {
+    fn of_two_self_intersecting_shapes_the_cleaner_one_may_render_worse() {
         assert_eq!(winner([shape(1.0, 1e-3, 50), shape(1.1, 1e-3, 10)]), 1.1);
         assert_eq!(winner([shape(1.0, 1e-3, 50), shape(1.1, 1e-3, 40)]), 1.0);
     }
@@ -226,7 +229,7 @@ mod tests {
     }
 
     #[test]
-    fn a_thick_surface_is_wanted_around_parts_that_lie_close_together() {
+    fn a_thick_surface_is_wanted_around_components_that_lie_close_together() {
         let coarse = Candidate::Reconstruction(crate::data::Reconstruction::new(128));
         let tetrahedron = [[0, 1, 2], [0, 3, 1], [0, 2, 3], [1, 3, 2]];
         let with = |triangles: Vec<[u32; 3]>, self_intersecting: usize| {
@@ -239,7 +242,7 @@ mod tests {
     }
 
     #[test]
-    fn a_finer_surface_is_wanted_where_it_may_untangle_the_winner_and_finer_ones_render_better() {
+    fn a_finer_surface_is_wanted_where_it_may_be_clean_and_finer_ones_render_better() {
         let reconstructed = |cells: u32, error: f64| Shape {
             candidate: Candidate::Reconstruction(crate::data::Reconstruction::new(cells)),
             ..shape(error, 1e-3, 0)

@@ -7,19 +7,19 @@ use crate::data::{Candidate, Cards, Deviation, TriMesh};
 /// A mesh within a budget.
 #[derive(Clone, Debug)]
 pub struct Shape {
-    /// World space.
+    /// The mesh, in world space.
     pub mesh: TriMesh,
-    /// Back faces are seen too.
+    /// True if back faces are visible.
     pub double_sided: bool,
     /// The candidate that it came from.
     pub candidate: Candidate,
-    /// Error against the views of the source that no texture removes, mean square per pixel.
+    /// Error against the views of the source that no texture removes: mean square per pixel.
     pub render_error: f64,
     /// Distances to the source, in the rest pose.
     pub deviation: Deviation,
     /// Number of self-intersecting faces.
     pub self_intersecting: usize,
-    /// Why the mesh may have fewer faces than its budget.
+    /// The reason if the mesh has fewer faces than its budget.
     pub shortfall: Shortfall,
     /// Faces that are cut-out cards, if the source is foliage.
     pub cards: Option<Cards>,

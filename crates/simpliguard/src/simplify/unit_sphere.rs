@@ -3,7 +3,7 @@
 use crate::data::TriMesh;
 use crate::geometry::BoundingSphere;
 
-/// `mesh` with `sphere` made the unit sphere around the origin.
+/// `mesh`, moved and scaled so that `sphere` becomes the unit sphere around the origin.
 pub(super) fn to_unit_sphere(mesh: &TriMesh, sphere: &BoundingSphere) -> TriMesh {
     let positions = mesh.positions.iter().map(|p| (*p - sphere.centre) / sphere.radius).collect();
     TriMesh { positions, triangles: mesh.triangles.clone() }

@@ -1,8 +1,8 @@
-//! Which faces anything can see.
+//! Visibility of faces.
 //!
-//! From outside: an identity buffer from many directions tells which faces of a input mesh are seen and how large they
-//! appear. From the surface (paper 3.2): rays from points on a face through its hemisphere; a face none of whose rays
-//! escapes cannot be seen.
+//! Two tests. From outside: identity buffers from many directions tell which faces are seen and how many pixels they
+//! cover. From the surface (section 3.2 of the paper): rays start at points of a face and run through its hemisphere; a
+//! face is invisible if none of its rays escapes.
 
 use glam::{Vec3, Vec4};
 use rayon::prelude::*;
@@ -14,16 +14,12 @@ use crate::render::{Camera, EMPTY_PIXEL, Raster, Rect};
 
 /// Side of the identity buffer in pixels.
 const SIZE: usize = 640;
-/// Directions that decide on the density of texels.
-const DENSITY_DIRECTIONS: usize = 36;
-/// Density of what hardly anything sees, and of what everything sees.
-const LEAST_DENSITY: f32 = 0.5;
-const LARGEST_DENSITY: f32 = 1.5;
-/// Points on a face and rays from each.
+/// Barycentric coordinates of the points of a face from which rays start.
 const POINTS: [[f32; 3]; 4] = [[0.34, 0.33, 0.33], [0.7, 0.15, 0.15], [0.15, 0.7, 0.15], [0.15, 0.15, 0.7]];
+/// Rays from each point.
 const RAYS: usize = 48;
 
-/// Pixels that each face covers over all of `directions`. Back faces count where `double_sided(t)`.
+/// Number of pixels that each face covers, summed over `directions` views. Back faces count where `double_sided(t)`.
 pub(super) fn visible_pixels(
     mesh: &TriMesh,
     sphere: &BoundingSphere,
@@ -31,7 +27,7 @@ pub(super) fn visible_pixels(
     double_sided: &(impl Fn(usize) -> bool + Sync),
     cancellation: &Cancellation,
 ) -> Vec<u32> {
-    // Not the lattice the views use, so that the two do not share their blind spots.
+    // Not the lattice of the views, so that both do not share their blind spots.
     let turn = glam::Quat::from_xyzw(0.18, 0.37, 0.26, 0.87).normalize();
     let directions = fibonacci_directions(directions);
     let count = |(mut raster, mut pixels): (Raster, Vec<u32>), direction: &Vec3| {
@@ -57,46 +53,7 @@ pub(super) fn visible_pixels(
     })
 }
 
-/// How densely texels are to lie on each face, relative to the mean: as the square root of the part of its area that
-/// cameras around the mesh see, each face with its neighbours.
-pub fn texel_density(
-    mesh: &TriMesh,
-    sphere: &BoundingSphere,
-    double_sided: bool,
-    cancellation: &Cancellation,
-) -> Vec<f32> {
-    let pixels = visible_pixels(mesh, sphere, DENSITY_DIRECTIONS, &|_| double_sided, cancellation);
-    let weights = face_weights(mesh, &pixels, 1.0);
-    let density = |(t, weight): (usize, f64)| {
-        let area = 0.5 * f64::from(mesh.area_vector(t).length());
-        let density = if area > 0.0 { (weight / area).sqrt() as f32 } else { 1.0 };
-        density.clamp(LEAST_DENSITY, LARGEST_DENSITY)
-    };
-    weights.into_iter().enumerate().map(density).collect()
-}
-
-/// Area of each face, scaled by the number of pixels that see its surroundings per area, relative to the mean.
-pub(super) fn face_weights(mesh: &TriMesh, pixels: &[u32], visible: f64) -> Vec<f64> {
-    let areas: Vec<f64> = (0..mesh.triangles.len()).map(|t| 0.5 * f64::from(mesh.area_vector(t).length())).collect();
-    let area: f64 = areas.iter().sum();
-    let total: f64 = pixels.iter().map(|&n| f64::from(n)).sum();
-    if total == 0.0 || area == 0.0 {
-        return areas;
-    }
-    // Pixels and area around each vertex: a face between two pixels is not weightless.
-    let mut around = vec![(0.0, 0.0); mesh.positions.len()];
-    for (t, triangle) in mesh.triangles.iter().enumerate() {
-        for &v in triangle {
-            around[v as usize].0 += f64::from(pixels[t]) / total;
-            around[v as usize].1 += areas[t] / area;
-        }
-    }
-    let density = |v: u32| around[v as usize].0 / around[v as usize].1.max(1e-12);
-    let mean = |t: &[u32; 3]| t.iter().map(|&v| density(v)).sum::<f64>() / 3.0;
-    mesh.triangles.iter().zip(&areas).map(|(t, &a)| a * ((1.0 - visible) + visible * mean(t))).collect()
-}
-
-/// Grows a set of faces by those that share a vertex with it, `rings` times.
+/// Adds the faces that share a vertex with a set of faces to the set, `rings` times.
 pub(super) fn grow(mesh: &TriMesh, faces: &mut [bool], rings: usize) {
     for _ in 0..rings {
         let mut touched = vec![false; mesh.positions.len()];
@@ -109,8 +66,10 @@ pub(super) fn grow(mesh: &TriMesh, faces: &mut [bool], rings: usize) {
     }
 }
 
-/// Keeps those `faces` none of whose rays escapes the mesh: `H = 0` in the paper. With `two_sided` both hemispheres count,
-/// and both sides of a face stop a ray; without, whoever looks along a ray from afar sees through back faces.
+/// Keeps those `faces` of which no ray escapes the mesh: `H = 0` in the paper.
+///
+/// If `two_sided`, rays start in both hemispheres, and both sides of a face stop a ray. Otherwise back faces let rays
+/// pass, because a camera far away sees through them.
 pub(super) fn keep_enclosed(
     faces: &mut [bool],
     mesh: &TriMesh,
@@ -141,11 +100,11 @@ pub(super) fn keep_enclosed(
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::*;
 
     /// A unit tetrahedron inside one five times as large.
-    fn nested() -> TriMesh {
+    pub(crate) fn nested() -> TriMesh {
         let corners = [[-1.0, -1.0, -1.0], [1.0, 1.0, -1.0], [1.0, -1.0, 1.0], [-1.0, 1.0, 1.0]].map(Vec3::from);
         let faces = [[0, 1, 2], [0, 3, 1], [0, 2, 3], [1, 3, 2]];
         TriMesh {
@@ -183,19 +142,6 @@ mod tests {
         let pixels =
             visible_pixels(&mesh, &BoundingSphere::around(&mesh.positions), 72, &|_| false, &Cancellation::default());
         assert!(pixels[..4].iter().all(|&n| n == 0) && pixels[4..].iter().all(|&n| n > 0), "{pixels:?}");
-    }
-
-    #[test]
-    fn hidden_faces_get_fewer_texels() {
-        let mesh = nested();
-        let density = texel_density(&mesh, &BoundingSphere::around(&mesh.positions), false, &Cancellation::default());
-        assert_eq!(density[..4], [LEAST_DENSITY; 4]);
-        assert!(density[4..].iter().all(|&d| (0.9..1.2).contains(&d)), "{density:?}");
-        let nothing = TriMesh { positions: mesh.positions, triangles: vec![[0, 0, 0]] };
-        assert_eq!(
-            texel_density(&nothing, &BoundingSphere::around(&[Vec3::ZERO]), true, &Cancellation::default()),
-            [1.0]
-        );
     }
 
     #[test]

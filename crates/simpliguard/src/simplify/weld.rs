@@ -1,19 +1,20 @@
 //! Welds a triangle soup and cuts it into a manifold with boundary.
 
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 
 use glam::Vec3;
 
 use crate::data::{TriMesh, bounds};
-use crate::geometry::{DisjointSets, Topology, first_equal, position_bits};
+use crate::geometry::{DisjointSets, Topology, first_equal, position_bits, sorted_half_edges};
 
-/// Positions closer than this fraction of the longest side become one.
+/// Size of the cells in which positions are merged, as a fraction of the longest side of the bounding box.
 const WELD: f32 = 1e-6;
-/// Rounds of cutting; each one removes at least the edges it finds.
+/// Most rounds of cutting. Each round removes at least the non-manifold edges that it finds.
 const ROUNDS: usize = 8;
 
-/// The soup's triangles, sharing vertices where their corners coincide, cut apart along edges of more than two triangles
-/// or of two that run the same way, and at pinched vertices. `source` maps each triangle back; degenerate ones are gone.
+/// Welds the soup's triangles where their corners coincide, and cuts them apart along edges of more than two triangles,
+/// along edges of two triangles with opposite windings, and at pinched vertices. Returns the mesh, and for each of its
+/// triangles the index in the soup; degenerate triangles are left out.
 pub(super) fn weld(positions: &[Vec3], triangles: &[[u32; 3]]) -> (TriMesh, Vec<u32>) {
     let (low, high) = bounds(positions);
     let cell = ((high - low).max_element() * WELD).max(f32::MIN_POSITIVE);
@@ -41,23 +42,23 @@ pub(super) fn weld(positions: &[Vec3], triangles: &[[u32; 3]]) -> (TriMesh, Vec<
     (cut(&mesh), source)
 }
 
-/// Cuts a mesh into a manifold with boundary, keeping the order of its triangles.
+/// Cuts a mesh into a manifold with boundary. The order of its triangles stays.
 pub(super) fn cut(mesh: &TriMesh) -> TriMesh {
     let mut out = cut_once(mesh, &|_| true);
     for _ in 0..ROUNDS {
         if Topology::of(&out).is_manifold() {
             break;
         }
-        // Two pairs on one edge whose fans meet at both ends: keep those edges apart altogether.
-        let bad = overfull_edges(&out);
-        out = cut_once(&out, &|edge| !bad.contains(&edge));
+        // Two pairs of triangles on one edge, whose fans meet at both ends of it: such an edge is cut altogether.
+        let overfull = overfull_edges(&out);
+        out = cut_once(&out, &|edge| !overfull.contains(&edge));
     }
     out
 }
 
-/// Moves vertices that share a place by `step` towards their neighbours, if welding them would make the mesh
-/// non-manifold: tools that weld by position then see what is stored.
-pub(super) fn part_coincident(mesh: &mut TriMesh, step: f32) {
+/// Moves vertices that share a position by `step` towards their neighbours, if welding them would make the mesh
+/// non-manifold. So tools that weld by position see the mesh that is stored.
+pub(super) fn move_coincident_apart(mesh: &mut TriMesh, step: f32) {
     let first = first_equal(mesh.positions.len(), |v| position_bits(mesh.positions[v]));
     let welded = TriMesh {
         positions: mesh.positions.clone(),
@@ -80,50 +81,34 @@ pub(super) fn part_coincident(mesh: &mut TriMesh, step: f32) {
     }
 }
 
-fn overfull_edges(mesh: &TriMesh) -> std::collections::HashSet<(u32, u32)> {
-    let mut count: HashMap<(u32, u32), (u32, u32)> = HashMap::new();
-    for triangle in &mesh.triangles {
-        for k in 0..3 {
-            let (a, b) = (triangle[k], triangle[(k + 1) % 3]);
-            let entry = count.entry((a.min(b), a.max(b))).or_default();
-            if a < b { entry.0 += 1 } else { entry.1 += 1 }
-        }
-    }
-    count.into_iter().filter(|(_, n)| n.0 > 1 || n.1 > 1).map(|(edge, _)| edge).collect()
+/// The edges with more than one half-edge of one direction.
+fn overfull_edges(mesh: &TriMesh) -> HashSet<(u32, u32)> {
+    let half_edges = sorted_half_edges(&mesh.triangles);
+    let repeated = half_edges.windows(2).filter(|h| h[0].edge == h[1].edge && h[0].forward == h[1].forward);
+    repeated.map(|h| h[0].edge).collect()
 }
 
-/// Pairs the two directions of every edge that `joins`, in the order of their triangles, and joins corners across pairs:
-/// each fan becomes a vertex.
+/// Pairs half-edges of opposite directions on every edge for which `joins` holds, in the order of their triangles, and
+/// joins corners across the pairs. Each set of joined corners becomes a vertex.
 fn cut_once(mesh: &TriMesh, joins: &dyn Fn((u32, u32)) -> bool) -> TriMesh {
-    let mut half_edges: Vec<((u32, u32), bool, u32)> = Vec::with_capacity(mesh.triangles.len() * 3);
-    for (t, triangle) in mesh.triangles.iter().enumerate() {
-        for k in 0..3 {
-            let (a, b) = (triangle[k], triangle[(k + 1) % 3]);
-            half_edges.push(((a.min(b), a.max(b)), a < b, (3 * t + k) as u32));
-        }
-    }
-    half_edges.sort_unstable();
+    let half_edges = sorted_half_edges(&mesh.triangles);
     let mut corners = DisjointSets::new(mesh.triangles.len() * 3);
-    for run in half_edges.chunk_by(|a, b| a.0 == b.0) {
-        if !joins(run[0].0) {
-            continue;
-        }
-        let split = run.partition_point(|h| !h.1);
-        for (back, forth) in run[..split].iter().zip(&run[split..]) {
+    for run in half_edges.chunk_by(|a, b| a.edge == b.edge).filter(|run| joins(run[0].edge)) {
+        let (backward, forward) = run.split_at(run.partition_point(|h| !h.forward));
+        for (back, forth) in backward.iter().zip(forward) {
             let after = |corner: u32| corner - corner % 3 + (corner + 1) % 3;
-            corners.join(back.2 as usize, after(forth.2) as usize);
-            corners.join(after(back.2) as usize, forth.2 as usize);
+            corners.join(back.index as usize, after(forth.index) as usize);
+            corners.join(after(back.index) as usize, forth.index as usize);
         }
     }
-    let mut out = TriMesh { positions: Vec::new(), triangles: vec![[0; 3]; mesh.triangles.len()] };
-    let mut vertex = vec![u32::MAX; mesh.triangles.len() * 3];
-    for corner in 0..vertex.len() {
-        let root = corners.find(corner);
-        if vertex[root] == u32::MAX {
-            vertex[root] = out.positions.len() as u32;
+    let (vertices, count) = corners.numbered();
+    let mut out = TriMesh { positions: Vec::with_capacity(count), triangles: vec![[0; 3]; mesh.triangles.len()] };
+    for (corner, &vertex) in vertices.iter().enumerate() {
+        // Vertices are numbered by their first corners.
+        if vertex as usize == out.positions.len() {
             out.positions.push(mesh.positions[mesh.triangles[corner / 3][corner % 3] as usize]);
         }
-        out.triangles[corner / 3][corner % 3] = vertex[root];
+        out.triangles[corner / 3][corner % 3] = vertex;
     }
     out
 }
@@ -166,13 +151,13 @@ mod tests {
             triangles: vec![[0, 1, 2], [3, 4, 5], [6, 7, 8]],
         };
         let before = touching.clone();
-        part_coincident(&mut touching, 1e-3);
+        move_coincident_apart(&mut touching, 1e-3);
         assert!(touching.positions[..3] == before.positions[..3] && touching.positions[3] != touching.positions[0]);
         assert!((touching.positions[3] - before.positions[3]).length() < 1.1e-3);
         let mut seam =
             TriMesh { positions: [&x[..], &[Vec3::Y], &x, &[Vec3::Z]].concat(), triangles: vec![[0, 1, 2], [4, 3, 5]] };
         let before = seam.clone();
-        part_coincident(&mut seam, 1e-3);
+        move_coincident_apart(&mut seam, 1e-3);
         assert_eq!(seam, before);
     }
 

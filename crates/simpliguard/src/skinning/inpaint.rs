@@ -1,37 +1,36 @@
-//! Weights filled in over the edges of the level.
+//! Interpolation of weights over the edges of the level.
 //!
 //! Laplace's equation with the matched vertices fixed: `sum_j (w_i - w_j) / |e_ij| = 0` at every other vertex `i`, for
-//! each bone apart. Its solution lies between the values around it and keeps sums of one. The system is symmetric and
-//! positive definite once every unknown is connected with a fixed vertex; conjugate gradients with the diagonal as
-//! preconditioner, in double precision, one bone per task: equal for any thread count.
+//! each bone separately. Its solution lies between the values around it and keeps sums of one. The system is symmetric
+//! and positive definite if every unknown vertex is connected with a fixed one. It is solved by conjugate gradients
+//! with the diagonal as preconditioner, in double precision, one bone per task: the result is equal for any number of
+//! threads.
 
 use rayon::prelude::*;
 
 use crate::animation::Weights;
 use crate::data::TriMesh;
-use crate::geometry::DisjointSets;
+use crate::geometry::vertex_components;
 
-/// Residual at which a bone's weights are done, relative to where they started.
+/// Residual at which the solution for a bone ends, relative to the first residual.
 const TOLERANCE: f64 = 1e-7;
 
-/// Weights below this are left out of a filled vertex.
+/// Weights below this are left out of an interpolated vertex.
 const SMALLEST: f64 = 1e-6;
+/// The row of a known vertex.
+const NO_ROW: u32 = u32::MAX;
 
-/// The vertices that no edge path connects with a matched one.
+/// For each vertex, true if no path of edges connects it with a matched vertex.
 pub(super) fn unreachable(mesh: &TriMesh, matched: &[bool]) -> Vec<bool> {
-    let mut sets = DisjointSets::new(mesh.positions.len());
-    for [a, b, c] in &mesh.triangles {
-        sets.join(*a as usize, *b as usize);
-        sets.join(*b as usize, *c as usize);
-    }
-    let mut reached = vec![false; matched.len()];
+    let components = vertex_components(mesh.positions.len(), mesh.triangles.iter().copied());
+    let mut is_reached = vec![false; matched.len()];
     for v in (0..matched.len()).filter(|&v| matched[v]) {
-        reached[sets.find(v)] = true;
+        is_reached[components[v] as usize] = true;
     }
-    (0..matched.len()).map(|v| !reached[sets.find(v)]).collect()
+    (0..matched.len()).map(|v| !is_reached[components[v] as usize]).collect()
 }
 
-/// Replaces the weights of vertices that are not `known`. Each of them must be connected with a known one.
+/// Interpolates the weights of the vertices that are not `known`. Each of them must be connected with a known vertex.
 pub(super) fn fill(mesh: &TriMesh, known: &[bool], weights: &mut [Weights]) {
     let system = System::new(mesh, known);
     if system.vertices.is_empty() {
@@ -53,7 +52,7 @@ pub(super) fn fill(mesh: &TriMesh, known: &[bool], weights: &mut [Weights]) {
     }
 }
 
-/// The Laplacian's rows of the unknown vertices.
+/// The rows of the Laplacian for the unknown vertices.
 struct System {
     /// Vertex of each row.
     vertices: Vec<u32>,
@@ -68,7 +67,7 @@ struct System {
 impl System {
     fn new(mesh: &TriMesh, known: &[bool]) -> Self {
         let vertices: Vec<u32> = (0..known.len() as u32).filter(|&v| !known[v as usize]).collect();
-        let mut row = vec![u32::MAX; known.len()];
+        let mut row = vec![NO_ROW; known.len()];
         for (r, &v) in vertices.iter().enumerate() {
             row[v as usize] = r as u32;
         }
@@ -85,13 +84,13 @@ impl System {
             let weight = 1.0 / length.max(shortest);
             for (from, to) in [(a, b), (b, a)] {
                 let r = row[from as usize];
-                if r == u32::MAX {
+                if r == NO_ROW {
                     continue;
                 }
                 let r = r as usize;
                 system.diagonal[r] += weight;
                 match row[to as usize] {
-                    u32::MAX => system.outer[r].push((to, weight)),
+                    NO_ROW => system.outer[r].push((to, weight)),
                     other => system.inner[r].push((other, weight)),
                 }
             }
@@ -99,7 +98,7 @@ impl System {
         system
     }
 
-    /// The joints of the known vertices next to unknown ones, ascending.
+    /// The joints of the known vertices next to unknown ones, in rising order.
     fn joints_around(&self, weights: &[Weights]) -> Vec<u16> {
         let around = self.outer.iter().flatten().flat_map(|&(v, _)| weights[v as usize].joints());
         let mut joints: Vec<u16> = around.collect();
@@ -155,7 +154,7 @@ fn dot(a: &[f64], b: &[f64]) -> f64 {
     a.iter().zip(b).map(|(a, b)| a * b).sum()
 }
 
-/// Every edge once, ascending.
+/// Every edge once, in rising order.
 fn edges(mesh: &TriMesh) -> Vec<(u32, u32)> {
     let mut edges: Vec<(u32, u32)> = mesh
         .triangles

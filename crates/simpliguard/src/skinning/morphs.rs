@@ -1,34 +1,35 @@
-//! Morph targets of a level: each vertex goes as far as the closest point of the source does.
+//! Morph targets of a level: each vertex has the displacement of the closest point of the source.
 
 use glam::Vec3;
 use rayon::prelude::*;
 
-use super::SkinSource;
+use super::skin_source::SkinSource;
 use crate::animation::corner_weights;
 use crate::data::{LevelMorph, MorphTarget, Morphs, TriMesh};
 use crate::geometry::Hit;
 
-/// The source's morph targets on `mesh`, a level in the rest pose; empty for a source without any.
-pub fn transfer_morphs(skin_source: &SkinSource<'_>, mesh: &TriMesh) -> Vec<LevelMorph> {
-    let surface = &skin_source.model.surface;
+/// The source's morph targets on `mesh`, a level in the rest pose. Empty for a source without morph targets.
+pub fn transfer_morphs(source: &SkinSource<'_>, mesh: &TriMesh) -> Vec<LevelMorph> {
+    let surface = &source.model.surface;
     let Some(Morphs { targets, .. }) = &surface.morphs else { return Vec::new() };
-    let closest = skin_source.closest(mesh);
-    let moves = |target: &MorphTarget| -> Vec<Vec3> {
+    let closest = source.closest(mesh);
+    let displacements = |target: &MorphTarget| -> Vec<Vec3> {
         let at = |hit: &Hit| {
-            let parts = corner_weights(surface, hit.triangle as usize, hit.point);
-            surface.triangles[hit.triangle as usize]
+            let triangle = hit.triangle as usize;
+            let barycentric = corner_weights(surface, triangle, hit.point);
+            surface.triangles[triangle]
                 .iter()
-                .zip(parts)
-                .map(|(&v, part)| target.displacement(v) * part)
+                .zip(barycentric)
+                .map(|(&v, weight)| target.displacement(v) * weight)
                 .sum()
         };
         closest.iter().map(|hit| hit.as_ref().map_or(Vec3::ZERO, at)).collect()
     };
-    let moves: Vec<Vec<Vec3>> = targets.par_iter().map(moves).collect();
-    // Without any target, which is not the rest pose if that has weights.
+    let displacements: Vec<Vec<Vec3>> = targets.par_iter().map(displacements).collect();
+    // The mesh without any target. It differs from the rest pose if that has weights.
     let mut bare = mesh.clone();
-    for (target, moves) in targets.iter().zip(&moves).filter(|(target, _)| target.weight != 0.0) {
-        bare.positions.iter_mut().zip(moves).for_each(|(p, offset)| *p -= *offset * target.weight);
+    for (target, displacements) in targets.iter().zip(&displacements).filter(|(target, _)| target.weight != 0.0) {
+        bare.positions.iter_mut().zip(displacements).for_each(|(p, offset)| *p -= *offset * target.weight);
     }
     let bare_normals = bare.vertex_normals();
     let morph = |positions: Vec<Vec3>| {
@@ -36,7 +37,7 @@ pub fn transfer_morphs(skin_source: &SkinSource<'_>, mesh: &TriMesh) -> Vec<Leve
         let normals = TriMesh { positions: moved, triangles: mesh.triangles.clone() }.vertex_normals();
         LevelMorph { positions, normals: normals.iter().zip(&bare_normals).map(|(n, bare)| *n - *bare).collect() }
     };
-    moves.into_par_iter().map(morph).collect()
+    displacements.into_par_iter().map(morph).collect()
 }
 
 #[cfg(test)]

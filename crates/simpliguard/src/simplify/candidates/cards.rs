@@ -1,44 +1,47 @@
-//! Foliage: thousands of small flat parts become a few hundred cards, after billboard clouds (Décoret et al. 2003).
+//! Foliage: thousands of small flat components become a few hundred cards, after billboard clouds (Décoret et al.
+//! 2003).
 //!
-//! An opaque low-poly surface around a crown of leaves is a blob. Instead neighbouring leaves are grouped by halving the
-//! crown at medians, each group is replaced by the rectangle through its plane of least extent, and the rectangle is
-//! textured with what the group shows along its normal, cut out by alpha. What is no leaf collapses as usual.
+//! An opaque low-poly surface around a crown of leaves is a blob. Instead, neighbouring leaves are grouped: the crown
+//! is halved at medians until there are enough groups. Each group is replaced by the rectangle in its plane of least
+//! extent. The texture of the rectangle shows the group along the plane's normal, cut out by alpha. The rest of the
+//! source, such as the trunk, collapses as usual.
 
 use glam::{Mat3, Vec3};
 
 use crate::data::{Candidate, Cards, NO_CARD, TriMesh, bounds};
-use crate::geometry::DisjointSets;
+use crate::geometry::{face_components, group_by_component};
 use crate::simplify::budgets::simplify_to_budgets;
-use crate::simplify::input::{DIRECTIONS, SimplifyInput};
 use crate::simplify::inputs::Inputs;
 use crate::simplify::params::{CollapseParams, SimplifyParams};
 use crate::simplify::shape::{Shape, Shortfall};
+use crate::simplify::simplify_input::{DIRECTIONS, SimplifyInput};
 use crate::simplify::{visibility, weld};
 
-/// Largest extent of a leaf, as a part of the frame's radius.
+/// Largest extent of a leaf, as a fraction of the radius of the bounding sphere.
 const LEAF_SIZE: f32 = 0.25;
-/// Largest thickness of a leaf, as a part of its middle extent.
+/// Largest thickness of a leaf, as a fraction of its middle extent.
 const LEAF_THICKNESS: f32 = 0.35;
 /// Fewest leaves of a foliage.
 const LEAVES: usize = 300;
-/// Least part of the visible pixels that leaves cover.
+/// Least fraction of the visible pixels that leaves cover.
 const LEAF_PIXELS: f64 = 0.25;
-/// Part of the budget that goes into what is no leaf.
+/// Fraction of the budget for the rest of the source.
 const TRUNK: f64 = 0.3;
 
-/// A source divided into leaves and the rest.
+/// A source divided into leaves and a trunk, which is all the rest.
 struct Foliage {
     mesh: TriMesh,
-    /// Triangle of the source for each of `mesh`.
+    /// Triangle of the source for each triangle of `mesh`.
     source: Vec<u32>,
     /// Triangles of each leaf.
     leaves: Vec<Vec<u32>>,
-    /// Whether each triangle belongs to a leaf.
+    /// For each triangle, true if it belongs to a leaf.
     is_leaf: Vec<bool>,
+    /// Number of pixels that each triangle covers, over all views.
     pixels: Vec<u32>,
 }
 
-/// One shape per budget if the source is foliage, else `None`.
+/// One shape for each budget if the source is foliage, else `None`.
 pub(crate) fn shapes(inputs: &Inputs<'_>, params: &SimplifyParams) -> Option<Vec<Shape>> {
     let foliage = Foliage::find(inputs)?;
     let shape = |&budget: &u32| {
@@ -50,36 +53,36 @@ pub(crate) fn shapes(inputs: &Inputs<'_>, params: &SimplifyParams) -> Option<Vec
 }
 
 impl Foliage {
+    /// Finds the leaves of the source; `None` if there are too few of them or if they cover too few pixels.
     fn find(inputs: &Inputs<'_>) -> Option<Self> {
         let opaque = inputs.opaque;
         let (mesh, welded_from) = weld::weld(&opaque.mesh.positions, &opaque.mesh.triangles);
-        let mut sets = DisjointSets::new(mesh.positions.len());
-        for &[a, b, c] in &mesh.triangles {
-            sets.join(a as usize, b as usize);
-            sets.join(b as usize, c as usize);
-        }
-        let mut parts: Vec<Vec<u32>> = vec![Vec::new(); mesh.positions.len()];
-        for (t, triangle) in mesh.triangles.iter().enumerate() {
-            parts[sets.find(triangle[0] as usize)].push(t as u32);
-        }
-        parts.retain(|part| !part.is_empty());
-        if parts.len() < LEAVES {
+        let components = group_by_component(&face_components(mesh.positions.len(), &mesh.triangles));
+        if components.len() < LEAVES {
             return None;
         }
-        let leaves: Vec<Vec<u32>> = parts.into_iter().filter(|p| is_leaf(&mesh, p, inputs.sphere.radius)).collect();
+        let radius = inputs.sphere.radius;
+        let leaves: Vec<Vec<u32>> = components.into_iter().filter(|c| is_small_and_flat(&mesh, c, radius)).collect();
         if leaves.len() < LEAVES {
             return None;
         }
         let pixels = visibility::visible_pixels(&mesh, &inputs.sphere, DIRECTIONS, &|_| true, inputs.cancellation);
-        let mut leaf = vec![false; mesh.triangles.len()];
-        leaves.iter().flatten().for_each(|&t| leaf[t as usize] = true);
-        let count =
-            |of: bool| pixels.iter().zip(&leaf).filter(|(_, l)| **l == of).map(|(&n, _)| f64::from(n)).sum::<f64>();
-        let (seen, rest) = (count(true), count(false));
+        let mut is_leaf = vec![false; mesh.triangles.len()];
+        leaves.iter().flatten().for_each(|&t| is_leaf[t as usize] = true);
+        let count = |leaf: bool| {
+            pixels
+                .iter()
+                .zip(&is_leaf)
+                .filter(|(_, is_leaf)| **is_leaf == leaf)
+                .map(|(&n, _)| f64::from(n))
+                .sum::<f64>()
+        };
+        let (of_leaves, of_trunk) = (count(true), count(false));
         let source = welded_from.iter().map(|&t| opaque.source[t as usize]).collect();
-        (seen >= LEAF_PIXELS * (seen + rest)).then_some(Self { mesh, source, leaves, is_leaf: leaf, pixels })
+        (of_leaves >= LEAF_PIXELS * (of_leaves + of_trunk)).then_some(Self { mesh, source, leaves, is_leaf, pixels })
     }
 
+    /// The trunk, collapsed, and cards for the rest of the budget.
     fn shape(&self, inputs: &Inputs<'_>, params: &SimplifyParams, budget: u32) -> Shape {
         let mut mesh = self.trunk(inputs, params, (f64::from(budget) * TRUNK) as u32);
         let mut cards = Cards {
@@ -100,22 +103,18 @@ impl Foliage {
         Shape { cards: Some(cards), ..Shape::unscored(mesh, true, Candidate::Cards, Shortfall::Leaves) }
     }
 
-    /// What is no leaf, collapsed to `budget` faces.
+    /// The trunk, collapsed to `budget` faces. Empty if no collapse meets the budget.
     fn trunk(&self, inputs: &Inputs<'_>, params: &SimplifyParams, budget: u32) -> TriMesh {
-        let kept = weld::cut(&self.mesh.filtered(|t| !self.is_leaf[t]));
-        if kept.triangles.is_empty() {
+        let mesh = weld::cut(&self.mesh.filtered(|t| !self.is_leaf[t]));
+        if mesh.triangles.is_empty() {
             return TriMesh::default();
         }
         let pixels: Vec<u32> =
             self.pixels.iter().zip(&self.is_leaf).filter(|(_, leaf)| !**leaf).map(|(&n, _)| n).collect();
         let collapse = CollapseParams { remove_invisible: false, ..params.collapse };
         let params = SimplifyParams { budgets: vec![budget], collapse, ..params.clone() };
-        let shapes = simplify_to_budgets(
-            inputs,
-            &params,
-            Candidate::Cards,
-            &SimplifyInput { mesh: kept, pixels, double_sided: true },
-        );
+        let input = SimplifyInput { mesh, pixels, double_sided: true };
+        let shapes = simplify_to_budgets(inputs, &params, Candidate::Cards, &input);
         shapes.into_iter().map(|s| s.mesh).find(|m| m.triangles.len() <= budget as usize).unwrap_or_default()
     }
 
@@ -129,9 +128,9 @@ impl Foliage {
     }
 }
 
-/// Whether a part is small and flat.
-fn is_leaf(mesh: &TriMesh, part: &[u32], radius: f32) -> bool {
-    let points: Vec<Vec3> = part.iter().flat_map(|&t| mesh.corners(t as usize)).collect();
+/// True if a component is as small and flat as a leaf. `radius` is that of the bounding sphere of the source.
+fn is_small_and_flat(mesh: &TriMesh, component: &[u32], radius: f32) -> bool {
+    let points: Vec<Vec3> = component.iter().flat_map(|&t| mesh.corners(t as usize)).collect();
     let (low, high) = bounds(&points);
     if low.distance(high) > LEAF_SIZE * radius {
         return false;
@@ -140,7 +139,8 @@ fn is_leaf(mesh: &TriMesh, part: &[u32], radius: f32) -> bool {
     extent.z <= LEAF_THICKNESS * extent.y
 }
 
-/// Halves points at the median of their longest extent until there are `n` groups, the largest first.
+/// Groups points: halves the largest group at the median of its longest extent until there are `n` groups. The number
+/// beside a point identifies it in the result.
 fn halve(points: Vec<(Vec3, u32)>, n: usize) -> Vec<Vec<u32>> {
     let mut groups = vec![points];
     while groups.len() < n {
@@ -159,11 +159,11 @@ fn halve(points: Vec<(Vec3, u32)>, n: usize) -> Vec<Vec<u32>> {
     groups.into_iter().filter(|g| !g.is_empty()).map(|g| g.into_iter().map(|p| p.1).collect()).collect()
 }
 
-/// Adds the rectangle around `points` in their plane of least extent; returns how far they reach from it.
+/// Adds the rectangle around `points` in their plane of least extent. Returns their largest distance from the plane.
 fn add_card(mesh: &mut TriMesh, points: &[Vec3]) -> f32 {
     let axes = principal_axes(points);
     let (centre, extent) = extents(points, &axes);
-    // Never without area.
+    // A card always has an area.
     let least = extent.x.max(f32::MIN_POSITIVE) * 0.02;
     let (u, v) = (axes.x_axis * extent.x.max(least), axes.y_axis * extent.y.max(least));
     let first = mesh.positions.len() as u32;
@@ -179,7 +179,7 @@ fn extents(points: &[Vec3], axes: &Mat3) -> (Vec3, Vec3) {
     (*axes * ((low + high) * 0.5), (high - low) * 0.5)
 }
 
-/// Orthonormal, right-handed axes of falling variance (Jacobi's method on the covariance).
+/// Orthonormal, right-handed axes of points, by falling variance (Jacobi's method on the covariance).
 fn principal_axes(points: &[Vec3]) -> Mat3 {
     let mean = points.iter().sum::<Vec3>() / points.len().max(1) as f32;
     let mut a = Mat3::ZERO;

@@ -1,9 +1,10 @@
-//! Parts of a source that touch at rest and move apart, told apart before they are wrapped.
+//! The reconstruction candidate. Components of the source that touch in the rest pose and move apart are reconstructed
+//! separately.
 //!
-//! A reconstruction grows parts that lie within two offsets of each other into one, which tears or stretches as soon as
-//! they move. Touching parts with different motions therefore go into different layers, each wrapped on its own; parts
-//! that move alike where they touch stay together, as a shirt and its buttons. The layers are a greedy colouring of the
-//! graph of such conflicts: two or three are usually enough.
+//! A reconstruction merges components that lie within two offsets of each other. The merged surface tears or stretches
+//! as soon as they move apart. Therefore touching components with different motions go into different layers, and each
+//! layer is reconstructed on its own. Components that move alike where they touch stay together, such as a shirt and
+//! its buttons. The layers are a greedy colouring of the graph of conflicts; two or three are usually enough.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -14,28 +15,30 @@ use crate::data::{Reconstruction, TriMesh};
 use crate::geometry::{Bvh, DisjointSets, Hit};
 use crate::simplify::inputs::Inputs;
 
-/// Motion that takes two touching points apart, in cells.
+/// Distance above which two touching points count as moved apart, in cells.
 const APART: f32 = 1.0;
-/// Part of the touching vertices of two parts that must come apart.
-const MOST: f64 = 0.5;
+/// Two components conflict if more than this fraction of their touching vertices moves apart.
+const CONFLICT: f64 = 0.5;
+/// The component of a vertex without opaque triangles.
+const NO_COMPONENT: u32 = u32::MAX;
 
-/// Wraps the opaque triangles, parts that move apart each on their own.
-pub(crate) fn wrap(inputs: &Inputs<'_>, params: &Reconstruction) -> TriMesh {
+/// Reconstructs the opaque surface, layer by layer.
+pub(crate) fn reconstruct(inputs: &Inputs<'_>, params: &Reconstruction) -> TriMesh {
     let opaque = inputs.opaque;
     let layers = inputs.poses.map_or_else(Vec::new, |poses| layers(inputs, poses, params));
     if layers.len() < 2 {
         return inputs.tools.reconstruct(&opaque.mesh, &opaque.bvh, params);
     }
-    let wrapped: Vec<TriMesh> = layers
+    let surfaces: Vec<TriMesh> = layers
         .par_iter()
         .map(|layer| {
-            let part = opaque.mesh.filtered(|t| layer.contains(&inputs.part(opaque.source[t])));
-            let bvh = Bvh::new(&part.positions, &part.triangles);
-            let params = Reconstruction { resolution: params.resolution_for(&opaque.mesh, &part), ..*params };
-            inputs.tools.reconstruct(&part, &bvh, &params)
+            let mesh = opaque.mesh.filtered(|t| layer.contains(&inputs.component(opaque.source[t])));
+            let bvh = Bvh::new(&mesh.positions, &mesh.triangles);
+            let params = Reconstruction { resolution: params.resolution_for(&opaque.mesh, &mesh), ..*params };
+            inputs.tools.reconstruct(&mesh, &bvh, &params)
         })
         .collect();
-    wrapped.into_iter().reduce(append).unwrap_or_default()
+    surfaces.into_iter().reduce(append).unwrap_or_default()
 }
 
 fn append(mut all: TriMesh, next: TriMesh) -> TriMesh {
@@ -45,12 +48,12 @@ fn append(mut all: TriMesh, next: TriMesh) -> TriMesh {
     all
 }
 
-/// The parts of each layer.
+/// The components of each layer.
 fn layers(inputs: &Inputs<'_>, poses: &Poses<'_>, params: &Reconstruction) -> Vec<BTreeSet<u32>> {
-    let parts: BTreeSet<u32> = inputs.opaque.source.iter().map(|&t| inputs.part(t)).collect();
+    let components: BTreeSet<u32> = inputs.opaque.source.iter().map(|&t| inputs.component(t)).collect();
     let contacts = contacts(inputs, poses, params);
-    let mut alike = DisjointSets::new(parts.last().map_or(0, |&last| last as usize + 1));
-    let is_conflict = |contact: &Contact| contact.apart as f64 > MOST * contact.vertices as f64;
+    let mut alike = DisjointSets::new(components.last().map_or(0, |&last| last as usize + 1));
+    let is_conflict = |contact: &ComponentContact| contact.apart as f64 > CONFLICT * contact.vertices as f64;
     for ((a, b), _) in contacts.iter().filter(|(_, contact)| !is_conflict(contact)) {
         alike.join(*a as usize, *b as usize);
     }
@@ -64,8 +67,8 @@ fn layers(inputs: &Inputs<'_>, poses: &Poses<'_>, params: &Reconstruction) -> Ve
     }
     let mut layer_of: BTreeMap<usize, usize> = BTreeMap::new();
     let mut layers: Vec<BTreeSet<u32>> = Vec::new();
-    for part in parts {
-        let group = alike.find(part as usize);
+    for component in components {
+        let group = alike.find(component as usize);
         let layer = *layer_of.get(&group).unwrap_or(&{
             let taken: BTreeSet<usize> =
                 conflicts.get(&group).into_iter().flatten().filter_map(|other| layer_of.get(other).copied()).collect();
@@ -73,34 +76,34 @@ fn layers(inputs: &Inputs<'_>, poses: &Poses<'_>, params: &Reconstruction) -> Ve
         });
         layer_of.insert(group, layer);
         layers.resize(layers.len().max(layer + 1), BTreeSet::new());
-        layers[layer].insert(part);
+        layers[layer].insert(component);
     }
     layers
 }
 
-/// How two parts touch.
+/// The contact of two components.
 #[derive(Clone, Copy, Default)]
-struct Contact {
-    /// Vertices of one that are near the other.
+struct ComponentContact {
+    /// Number of vertices of one component that are near the other.
     vertices: usize,
-    /// Those of them that some pose takes away from where the other goes.
+    /// Number of those vertices that some pose moves away from the other component.
     apart: usize,
 }
 
-/// Pairs of parts, the lower first, that a reconstruction would grow into one.
-fn contacts(inputs: &Inputs<'_>, poses: &Poses<'_>, params: &Reconstruction) -> BTreeMap<(u32, u32), Contact> {
+/// Contacts of the pairs of components that a reconstruction would merge; the lower component comes first.
+fn contacts(inputs: &Inputs<'_>, poses: &Poses<'_>, params: &Reconstruction) -> BTreeMap<(u32, u32), ComponentContact> {
     let mesh = &inputs.opaque.mesh;
-    let mut part_of = vec![u32::MAX; mesh.positions.len()];
+    let mut component_of = vec![NO_COMPONENT; mesh.positions.len()];
     for (triangle, &t) in mesh.triangles.iter().zip(&inputs.opaque.source) {
-        triangle.iter().for_each(|&v| part_of[v as usize] = inputs.part(t));
+        triangle.iter().for_each(|&v| component_of[v as usize] = inputs.component(t));
     }
     let cell = params.cell(mesh);
-    let near = |(v, &part): (usize, &u32)| -> Option<(u32, u32, Hit)> {
-        let other = |t: u32| inputs.part(inputs.opaque.source[t as usize]) != part;
+    let near = |(v, &component): (usize, &u32)| -> Option<(u32, u32, Hit)> {
+        let other = |t: u32| inputs.component(inputs.opaque.source[t as usize]) != component;
         let hit = inputs.opaque.bvh.closest_where(mesh.positions[v], 2.0 * params.offset * cell, other)?;
-        Some((v as u32, part, hit))
+        Some((v as u32, component, hit))
     };
-    let vertices = part_of.par_iter().enumerate().filter(|(_, part)| **part != u32::MAX);
+    let vertices = component_of.par_iter().enumerate().filter(|(_, component)| **component != NO_COMPONENT);
     let touching: Vec<(u32, u32, Hit)> = vertices.filter_map(near).collect();
     let surface = &inputs.model.surface;
     let own = poses.motions(&touching.iter().map(|(v, ..)| surface.influences[*v as usize]).collect::<Vec<_>>());
@@ -109,17 +112,17 @@ fn contacts(inputs: &Inputs<'_>, poses: &Poses<'_>, params: &Reconstruction) -> 
         .map(|(.., hit)| influences_at(surface, inputs.opaque.source[hit.triangle as usize] as usize, hit.point))
         .collect();
     let others = poses.motions(&others);
-    let mut out: BTreeMap<(u32, u32), Contact> = BTreeMap::new();
-    for (i, (v, part, hit)) in touching.iter().enumerate() {
+    let mut out: BTreeMap<(u32, u32), ComponentContact> = BTreeMap::new();
+    for (i, (v, component, hit)) in touching.iter().enumerate() {
         let p = mesh.positions[*v as usize];
-        let parting = (0..poses.count()).filter_map(|pose| {
+        let distances = (0..poses.count()).filter_map(|pose| {
             let (a, b) = (own.of(Some(pose))?[i], others.of(Some(pose))?[i]);
             Some(a.transform_point3(p).distance(b.transform_point3(p)))
         });
-        let other = inputs.part(inputs.opaque.source[hit.triangle as usize]);
-        let contact = out.entry((*part.min(&other), *part.max(&other))).or_default();
+        let other = inputs.component(inputs.opaque.source[hit.triangle as usize]);
+        let contact = out.entry((*component.min(&other), *component.max(&other))).or_default();
         contact.vertices += 1;
-        contact.apart += usize::from(parting.fold(0.0, f32::max) > APART * cell);
+        contact.apart += usize::from(distances.fold(0.0, f32::max) > APART * cell);
     }
     out
 }
@@ -140,7 +143,7 @@ mod tests {
     impl Tools for ReconstructAlone {
         fn reconstruct(&self, mesh: &TriMesh, bvh: &Bvh, params: &Reconstruction) -> TriMesh {
             let cancellation = Cancellation::default();
-            crate::reconstruct::reconstruct(&mesh.positions, &mesh.triangles, bvh, params, &cancellation)
+            crate::reconstruct::reconstruct(mesh, bvh, params, &cancellation)
         }
 
         fn influences(&self, _: &TriMesh) -> Vec<Influences> {
@@ -156,7 +159,8 @@ mod tests {
         }
     }
 
-    /// Two unit cubes, one on the other with a gap of a thousandth, a bone each; a clip lifts the upper one by `lift`.
+    /// Two unit cubes, one above the other with a gap of a thousandth, each with its own bone. A clip lifts the upper
+    /// one by `lift`.
     fn stacked(lift: f32) -> Model {
         let mut surface = Surface::default();
         for cube in 0..2u32 {
@@ -184,7 +188,7 @@ mod tests {
         let inputs = Inputs {
             model,
             bvh: &bvh,
-            parts: &crate::skinning::SkinSource::new(model, &bvh).parts().to_vec(),
+            components: &crate::skinning::SkinSource::new(model, &bvh).components().to_vec(),
             opaque: &opaque,
             deviation_metric: &DeviationMetric::new(&opaque),
             sphere: BoundingSphere::around(&model.surface.positions),
@@ -194,18 +198,18 @@ mod tests {
             tools: &ReconstructAlone,
             cancellation: &Cancellation::default(),
         };
-        let topology = Topology::of(&wrap(&inputs, &Reconstruction::new(64)));
+        let topology = Topology::of(&reconstruct(&inputs, &Reconstruction::new(64)));
         assert!(topology.is_closed_manifold(), "{topology:?}");
         topology.components
     }
 
     #[test]
-    fn parts_that_move_apart_are_wrapped_apart() {
+    fn components_that_move_apart_are_reconstructed_apart() {
         assert_eq!(components(&stacked(0.5)), 2);
     }
 
     #[test]
-    fn parts_that_move_together_grow_together() {
+    fn components_that_move_together_are_merged() {
         assert_eq!(components(&stacked(0.01)), 1);
     }
 }

@@ -1,30 +1,39 @@
-//! Corner lists: which faces a vertex has, and what that says about its edges.
+//! Corner lists: the faces of each vertex, and which edges lie on the boundary.
 
+use glam::DVec3;
 use rayon::prelude::*;
 
-use super::{NONE, Simplifier};
+use super::simplifier::{NO_CORNER, Simplifier};
 use crate::geometry::DisjointSets;
 
 impl Simplifier {
+    /// The vertices of a face.
     pub(super) fn face(&self, f: u32) -> [u32; 3] {
         self.faces[f as usize].vertices
     }
 
-    /// The corner after another one in the list of their vertex, or [`NONE`].
+    /// The positions of the vertices of a face.
+    pub(super) fn corners(&self, f: u32) -> [DVec3; 3] {
+        self.face(f).map(|v| self.positions[v as usize])
+    }
+
+    /// The next corner in the list of a corner's vertex, or [`NO_CORNER`].
     pub(super) fn after(&self, corner: u32) -> u32 {
         self.faces[corner as usize / 3].next[corner as usize % 3]
     }
 
+    /// The faces that are not removed.
     pub(super) fn live(&self) -> impl Iterator<Item = u32> + '_ {
-        (0..self.faces.len() as u32).filter(|&f| self.faces[f as usize].vertices[0] != NONE)
+        (0..self.faces.len() as u32).filter(|&f| self.faces[f as usize].is_live())
     }
 
+    /// Marks the neighbours of `u` except `except`.
     pub(super) fn mark_neighbours(&mut self, u: u32, except: u32, mark: u32) {
         let mut cursor = self.first[u as usize];
-        while cursor != NONE {
-            let face = self.faces[cursor as usize / 3].vertices;
-            if face[0] != NONE {
-                for w in face {
+        while cursor != NO_CORNER {
+            let face = self.faces[cursor as usize / 3];
+            if face.is_live() {
+                for w in face.vertices {
                     if w != u && w != except {
                         self.marks[w as usize] = mark;
                     }
@@ -34,25 +43,23 @@ impl Simplifier {
         }
     }
 
+    /// Makes `corners` the corner list of `u`.
     pub(super) fn relink(&mut self, u: u32, corners: &[u32]) {
-        self.first[u as usize] = corners.first().copied().unwrap_or(NONE);
+        self.first[u as usize] = corners.first().copied().unwrap_or(NO_CORNER);
         for (i, &corner) in corners.iter().enumerate() {
-            self.faces[corner as usize / 3].next[corner as usize % 3] = corners.get(i + 1).copied().unwrap_or(NONE);
+            self.faces[corner as usize / 3].next[corner as usize % 3] =
+                corners.get(i + 1).copied().unwrap_or(NO_CORNER);
         }
     }
 
-    pub(super) fn corners_of(&self, v: u32) -> Vec<u32> {
-        self.faces_of(v).map(|(f, k)| 3 * f + k as u32).collect()
-    }
-
-    /// Live faces of a vertex, and which of their corners it is.
+    /// The live faces of a vertex, each with the index of the vertex in it.
     pub(super) fn faces_of(&self, v: u32) -> impl Iterator<Item = (u32, usize)> + '_ {
         let mut cursor = self.first[v as usize];
         std::iter::from_fn(move || {
-            while cursor != NONE {
+            while cursor != NO_CORNER {
                 let (corner, face) = (cursor, &self.faces[cursor as usize / 3]);
                 cursor = face.next[corner as usize % 3];
-                if face.vertices[0] != NONE {
+                if face.is_live() {
                     return Some((corner / 3, corner as usize % 3));
                 }
             }
@@ -60,23 +67,25 @@ impl Simplifier {
         })
     }
 
+    /// The number of faces of an edge.
     pub(super) fn faces_of_edge(&self, u: u32, v: u32) -> usize {
-        self.faces_of(u).filter(|(f, _)| self.faces[*f as usize].vertices.contains(&v)).count()
+        self.faces_of(u).filter(|(f, _)| self.face(*f).contains(&v)).count()
     }
 
     pub(super) fn is_boundary_edge(&self, u: u32, v: u32) -> bool {
         self.boundary[u as usize] && self.boundary[v as usize] && self.faces_of_edge(u, v) == 1
     }
 
+    /// Finds the vertices on the boundary.
     pub(super) fn find_boundary(&mut self) {
         let this = &*self;
         self.boundary =
             (0..this.first.len() as u32).into_par_iter().with_min_len(1024).map(|v| this.is_boundary(v)).collect();
     }
 
-    /// After a collapse into `u` on the boundary, which may have closed a hole.
+    /// Finds the vertices on the boundary around `u`, after a collapse into `u` that may have closed a hole.
     pub(super) fn find_boundary_around(&mut self, u: u32) {
-        let mut around: Vec<u32> = self.faces_of(u).flat_map(|(f, _)| self.faces[f as usize].vertices).collect();
+        let mut around: Vec<u32> = self.faces_of(u).flat_map(|(f, _)| self.face(f)).collect();
         around.push(u);
         for v in around {
             self.boundary[v as usize] = self.is_boundary(v);
@@ -86,27 +95,16 @@ impl Simplifier {
     fn is_boundary(&self, v: u32) -> bool {
         // In a closed fan each neighbour occurs in two faces.
         self.faces_of(v).any(|(f, k)| {
-            let face = self.faces[f as usize].vertices;
+            let face = self.face(f);
             self.faces_of_edge(v, face[(k + 1) % 3]) == 1 || self.faces_of_edge(v, face[(k + 2) % 3]) == 1
         })
     }
 
-    /// Gives each fan of a vertex that a removal has pinched a vertex of its own.
+    /// Gives each fan of a vertex that is pinched a vertex of its own.
     pub(super) fn split_pinched_vertices(&mut self) {
         for v in 0..self.first.len() as u32 {
-            let corners = self.corners_of(v);
-            let mut sets = DisjointSets::new(corners.len());
-            for i in 0..corners.len() {
-                for j in i + 1..corners.len() {
-                    let (a, b) = (self.face(corners[i] / 3), self.face(corners[j] / 3));
-                    if a.iter().filter(|w| b.contains(w)).count() >= 2 {
-                        sets.join(i, j);
-                    }
-                }
-            }
-            let roots: Vec<usize> = (0..corners.len()).filter(|&i| sets.find(i) == i).collect();
-            for (n, &root) in roots.iter().enumerate() {
-                let fan: Vec<u32> = (0..corners.len()).filter(|&i| sets.find(i) == root).map(|i| corners[i]).collect();
+            let corners: Vec<u32> = self.faces_of(v).map(|(f, k)| 3 * f + k as u32).collect();
+            for (n, fan) in self.fans(&corners).into_iter().enumerate() {
                 if n == 0 {
                     self.relink(v, &fan);
                 } else {
@@ -118,7 +116,23 @@ impl Simplifier {
         self.find_boundary();
     }
 
-    pub(super) fn add_copy(&mut self, v: u32, fan: &[u32]) {
+    /// The corners of a vertex, grouped into fans: faces of one fan are connected by edges.
+    fn fans(&self, corners: &[u32]) -> Vec<Vec<u32>> {
+        let mut sets = DisjointSets::new(corners.len());
+        for i in 0..corners.len() {
+            for j in i + 1..corners.len() {
+                let (a, b) = (self.face(corners[i] / 3), self.face(corners[j] / 3));
+                if a.iter().filter(|w| b.contains(w)).count() >= 2 {
+                    sets.join(i, j);
+                }
+            }
+        }
+        let members = sets.members().into_iter();
+        members.map(|fan| fan.into_iter().map(|i| corners[i as usize]).collect()).collect()
+    }
+
+    /// Adds a vertex at the position of `v`, and gives it the corners of a fan.
+    fn add_copy(&mut self, v: u32, fan: &[u32]) {
         let copy = self.positions.len() as u32;
         self.positions.push(self.positions[v as usize]);
         self.planes.push(self.planes[v as usize]);
@@ -126,7 +140,7 @@ impl Simplifier {
             self.attributes.push(attribute);
         }
         self.mass.push(0.0);
-        self.first.push(NONE);
+        self.first.push(NO_CORNER);
         self.boundary.push(true);
         self.stamps.push(0);
         self.marks.push(0);

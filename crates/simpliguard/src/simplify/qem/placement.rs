@@ -1,26 +1,25 @@
-//! Where an edge collapses to, and at what error.
+//! The position to which an edge collapses, and the error there.
 
 use glam::DVec3;
 
-use super::{Entry, Simplifier};
+use super::simplifier::{QueuedCollapse, Simplifier};
 
-/// Where `p` projects onto the edge from `a` to `b`, 0 to 1.
-pub(super) fn part_of_way(a: DVec3, b: DVec3, p: DVec3) -> f64 {
-    let way = b - a;
-    ((p - a).dot(way) / way.length_squared().max(f64::MIN_POSITIVE)).clamp(0.0, 1.0)
+/// Parameter of the projection of `p` on the edge from `a` to `b`: 0 at `a`, 1 at `b`, clamped between them.
+pub(super) fn edge_parameter(a: DVec3, b: DVec3, p: DVec3) -> f64 {
+    let edge = b - a;
+    ((p - a).dot(edge) / edge.length_squared().max(f64::MIN_POSITIVE)).clamp(0.0, 1.0)
 }
 
 impl Simplifier {
-    /// Where the edge would best collapse to, and the error there.
+    /// The best position for the collapse of the edge `u v`, and its cost.
     pub(super) fn placement(&self, u: u32, v: u32) -> (DVec3, f64) {
-        let mut quadric = self.quadric(u);
-        quadric.add(&self.quadric(v));
+        let quadric = self.edge_quadric(u, v);
         let (a, b) = (self.positions[u as usize], self.positions[v as usize]);
         let (middle, length) = ((a + b) * 0.5, a.distance(b));
-        // On flats, where every place is as good, short edges go first.
+        // On flats, where every position is as good, short edges collapse first.
         let tie = 1e-9 * length.powi(4);
         let minimum = quadric.minimum().filter(|p| p.distance(middle) < 2.0 * length);
-        if let Some(p) = minimum.filter(|_| self.in_motion.is_none()) {
+        if let Some(p) = minimum.filter(|_| self.posed.is_none()) {
             return (p, quadric.error(p) + tie);
         }
         let candidates = [minimum.unwrap_or(middle), middle, a, b].map(|p| (p, self.error_at(u, v, p)));
@@ -28,35 +27,34 @@ impl Simplifier {
         best.map_or((middle, tie), |(p, error)| (p, error + tie))
     }
 
-    /// Where an entry of the queue collapses to: the best place, or where that was refused the middle and the ends of the
+    /// The position for an entry of the queue: the best one or, if that was refused, the middle and the ends of the
     /// edge in the order of their errors.
-    pub(super) fn place_of(&self, entry: &Entry) -> DVec3 {
+    pub(super) fn position_of(&self, entry: &QueuedCollapse) -> DVec3 {
         match entry.refused {
             0 => self.placement(entry.u, entry.v).0,
-            refused => self.other_places(entry.u, entry.v)[refused as usize - 1].0,
+            refused => self.fallback_positions(entry.u, entry.v)[refused as usize - 1].0,
         }
     }
 
-    /// Puts an entry whose place was refused back at the error of its next place, if it has one.
-    pub(super) fn push_next_place(&mut self, entry: &Entry) {
-        if let Some(&(_, error)) = self.other_places(entry.u, entry.v).get(entry.refused as usize) {
+    /// Pushes an entry whose position was refused again, at the error of its next position, if it has one.
+    pub(super) fn push_next_position(&mut self, entry: &QueuedCollapse) {
+        if let Some(&(_, error)) = self.fallback_positions(entry.u, entry.v).get(entry.refused as usize) {
             let cost = entry.cost.max(error as f32);
-            self.queue.push(cost, Entry { cost, refused: entry.refused + 1, ..*entry });
+            self.queue.push(cost, QueuedCollapse { cost, refused: entry.refused + 1, ..*entry });
         }
     }
 
-    fn other_places(&self, u: u32, v: u32) -> [(DVec3, f64); 3] {
+    fn fallback_positions(&self, u: u32, v: u32) -> [(DVec3, f64); 3] {
         let (a, b) = (self.positions[u as usize], self.positions[v as usize]);
-        let mut places = [(a + b) * 0.5, a, b].map(|p| (p, self.error_at(u, v, p)));
-        places.sort_by(|a, b| a.1.total_cmp(&b.1));
-        places
+        let mut positions = [(a + b) * 0.5, a, b].map(|p| (p, self.error_at(u, v, p)));
+        positions.sort_by(|a, b| a.1.total_cmp(&b.1));
+        positions
     }
 
-    /// Error of the edge `u v`, collapsed to `place`, at rest and in motion.
-    fn error_at(&self, u: u32, v: u32, place: DVec3) -> f64 {
-        let mut quadric = self.quadric(u);
-        quadric.add(&self.quadric(v));
-        let t = part_of_way(self.positions[u as usize], self.positions[v as usize], place);
-        quadric.error(place) + self.in_motion.as_ref().map_or(0.0, |m| m.error(u, v, t, place))
+    /// Error of the edge `u v`, collapsed to `position`, in the rest pose and in motion.
+    fn error_at(&self, u: u32, v: u32, position: DVec3) -> f64 {
+        let t = edge_parameter(self.positions[u as usize], self.positions[v as usize], position);
+        let in_motion = self.posed.as_ref().map_or(0.0, |posed| posed.error(u, v, t, position));
+        self.edge_quadric(u, v).error(position) + in_motion
     }
 }

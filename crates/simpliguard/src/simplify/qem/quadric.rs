@@ -1,7 +1,7 @@
 //! Quadric error metric with a curvature attribute.
 //!
-//! Garland and Heckbert 1997 for the distance to planes; for the curvature constraint the attribute form of Hoppe 1999:
-//! over each face the curvature is the linear function `g . p + q`, and a vertex with curvature `c` errs by
+//! The distance to planes follows Garland and Heckbert 1997. The curvature constraint takes the attribute form of Hoppe
+//! 1999: over each face the curvature is the linear function `g . p + q`, and a vertex with curvature `c` has the error
 //! `(g . p + q - c)^2`. The best `c` for a position is eliminated: `sum w (g . p + q)^2 - (G . p + Q)^2 / W`.
 
 use glam::{DMat3, DVec3, DVec4};
@@ -13,7 +13,7 @@ pub(super) struct Quadric {
     pub(super) attribute: Attribute,
 }
 
-/// `p A p + 2 b p + c`.
+/// Sum of weighted squared distances to planes: `p A p + 2 b p + c`.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Planes {
     /// Upper triangle of the 3 x 3 matrix: xx, xy, xz, yy, yz, zz.
@@ -22,10 +22,12 @@ pub(super) struct Planes {
     c: f64,
 }
 
-/// `G`, `Q` and `W` of the curvature attribute.
+/// Sums of the curvature attribute.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Attribute {
+    /// `G` and `Q`.
     gradient: DVec4,
+    /// `W`.
     weight: f64,
 }
 
@@ -86,7 +88,7 @@ impl Quadric {
         (self.planes.at(p) - attribute).max(0.0)
     }
 
-    /// Where the error is least, unless that is ill defined.
+    /// The position of the least error; `None` if that is ill defined.
     pub(super) fn minimum(&self) -> Option<DVec3> {
         let Planes { a: [mut xx, mut xy, mut xz, mut yy, mut yz, mut zz], mut b, .. } = self.planes;
         let Attribute { gradient, weight } = self.attribute;

@@ -1,11 +1,11 @@
-//! A priority queue for costs that need not be told apart exactly.
+//! A priority queue that does not distinguish costs exactly.
 //!
 //! A binary heap of a million entries misses the cache at every level of every pop. Here entries lie in buckets by the
-//! leading bits of their cost, and two levels of bits find the first bucket that holds anything. Entries of one bucket
-//! leave in the reverse of the order they came in: what was pushed last is still in the cache, and with wide buckets
-//! neighbours are worked on together.
+//! leading bits of their cost, and two levels of bits find the first bucket that holds an entry. Entries leave a bucket
+//! in the reverse order of their arrival: the last one is still in the cache, and with wide buckets neighbours are
+//! collapsed one after another.
 
-/// How finely costs are told apart.
+/// Precision of the order, as the number of low bits of a cost that do not count.
 #[derive(Clone, Copy)]
 pub(super) enum Precision {
     /// Within half a percent.
@@ -14,14 +14,15 @@ pub(super) enum Precision {
     Coarse = 20,
 }
 
-/// Entries by cost.
+/// Entries in the order of their costs.
 #[derive(Clone)]
 pub(super) struct Queue<T> {
     /// Bits of a cost that are dropped.
     dropped: u32,
     buckets: Vec<Vec<T>>,
-    /// One bit per bucket that holds something, and one bit per word of those.
+    /// One bit for each bucket that holds an entry.
     filled: Vec<u64>,
+    /// One bit for each word of `filled` that is not zero.
     filled_words: Vec<u64>,
 }
 

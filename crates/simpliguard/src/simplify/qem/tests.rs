@@ -1,7 +1,8 @@
-use super::*;
+use super::simplifier::Simplifier;
 use crate::animation::Motions;
+use crate::data::TriMesh;
 use crate::geometry::{Topology, self_intersecting};
-use glam::Affine3A;
+use glam::{Affine3A, Vec3};
 use proptest::prelude::*;
 
 fn grid(n: u32, height: impl Fn(f32, f32) -> f32) -> TriMesh {
@@ -85,13 +86,13 @@ fn the_smallest_component_vanishes_first() {
 fn removing_faces_leaves_no_pinched_vertex() {
     let mesh = grid(2, |_, _| 0.0);
     let mut simplifier = Simplifier::new(&mesh, &areas(&mesh), 0.0);
-    // Two opposite quadrants go: the centre would join the others at a point.
+    // Two opposite quadrants are removed: the others share only the centre.
     simplifier.remove_faces(&[true, true, false, false, false, false, true, true]);
     let topology = Topology::of(&simplifier.mesh());
     assert_eq!((topology.non_manifold_vertices, topology.components), (0, 2));
 }
 
-/// Two rippled sheets, the upper a hair above the lower: collapsed on their own, their facets would cross.
+/// Two rippled sheets, the upper a hair above the lower. If they collapse freely, their faces intersect.
 fn two_sheets() -> TriMesh {
     let ripple = |x: f32, y: f32| 0.05 * (libm::sinf(9.0 * x) + libm::cosf(7.0 * y));
     let (mut mesh, upper) = (grid(16, ripple), grid(16, |x, y| ripple(x, y) + 0.002 + 0.008 * x * y));
@@ -129,7 +130,7 @@ fn a_budget_is_met_where_collapses_would_cross() {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(32))]
     #[test]
-    fn height_fields_never_pass_through_themselves(
+    fn height_fields_never_intersect_themselves(
         heights in prop::collection::vec(-0.3f32..0.3, 121), target in 40usize..150,
     ) {
         let mesh = grid(10, |x, y| heights[((y * 10.0).round() * 11.0 + (x * 10.0).round()) as usize]);
@@ -154,7 +155,7 @@ proptest! {
 #[test]
 fn an_edge_that_only_bends_in_motion_is_kept() {
     let mut simplifier = Simplifier::new(&grid(8, |_, _| 0.0), &areas(&grid(8, |_, _| 0.0)), 0.0);
-    // At rest a square; in motion the half beyond x = 1/2 turns up about that line.
+    // A square in the rest pose. In motion the half beyond x = 1/2 is rotated up about that line.
     simplifier.follow(1, |positions| {
         let turn = |p: &Vec3| {
             let turn = if p.x > 0.5 { Affine3A::from_rotation_y(-1.0) } else { Affine3A::IDENTITY };

@@ -1,18 +1,23 @@
-//! Which collapses leave a manifold (Dey et al. 1999) whose faces stay the right way up.
+//! Tests of a collapse: the mesh stays a manifold (Dey et al. 1999), and no face flips.
 
 use glam::DVec3;
 
 use super::quadric::Quadric;
-use super::{Entry, NONE, Simplifier};
+use super::simplifier::{NO_CORNER, QueuedCollapse, Simplifier};
+use crate::geometry::area_vector;
+
+/// Least area of a face after a collapse: twice the area, as a fraction of the squared longest edge.
+const MIN_AREA: f64 = 1e-5;
 
 impl Simplifier {
-    /// A component that is down to a tetrahedron vanishes as a whole, at the error of its collapse to a point.
-    pub(super) fn collapse_tetrahedron(&mut self, entry: &Entry) {
+    /// Removes a component that is down to a tetrahedron, at the error of its collapse to a point. Does nothing for an
+    /// edge of a larger component.
+    pub(super) fn collapse_tetrahedron(&mut self, entry: &QueuedCollapse) {
         let mut vertices = vec![entry.u, entry.v];
         let mut faces = Vec::new();
-        let mut at = 0;
-        while at < vertices.len() {
-            let around: Vec<u32> = self.faces_of(vertices[at]).map(|(f, _)| f).collect();
+        let mut visited = 0;
+        while visited < vertices.len() {
+            let around: Vec<u32> = self.faces_of(vertices[visited]).map(|(f, _)| f).collect();
             if around.len() != 3 || vertices.len() > 4 {
                 return;
             }
@@ -20,26 +25,27 @@ impl Simplifier {
                 if !faces.contains(&f) {
                     faces.push(f);
                 }
-                for v in self.faces[f as usize].vertices {
+                for v in self.face(f) {
                     if !vertices.contains(&v) {
                         vertices.push(v);
                     }
                 }
             }
-            at += 1;
+            visited += 1;
         }
         let mut quadric = Quadric::default();
         vertices.iter().for_each(|&v| quadric.add(&self.quadric(v)));
         let middle = vertices.iter().map(|&v| self.positions[v as usize]).sum::<DVec3>() / vertices.len() as f64;
         let cost = quadric.error(middle) as f32;
         if entry.cost >= cost {
-            self.remove(&faces);
+            self.remove_all(&faces);
         } else {
-            self.queue.push(cost, Entry { cost, ..*entry });
+            self.queue.push(cost, QueuedCollapse { cost, ..*entry });
         }
     }
 
-    /// Whether the mesh stays a manifold of the same topology, save that a hole of three edges closes.
+    /// True if the mesh stays a manifold of the same topology after the edge collapses, except that a hole of three
+    /// edges may close.
     pub(super) fn link_condition(&mut self, u: u32, v: u32) -> bool {
         let edge_faces = self.faces_of_edge(u, v);
         if edge_faces == 0 || edge_faces > 2 {
@@ -48,15 +54,16 @@ impl Simplifier {
         if edge_faces == 2 && self.boundary[u as usize] && self.boundary[v as usize] {
             return false;
         }
-        // Common neighbours must be the corners opposite to the edge, and not be joined on both sides.
+        // Common neighbours must be the corners opposite to the edge.
         self.mark += 2;
         let (seen, shared) = (self.mark - 1, self.mark);
         self.mark_neighbours(u, v, seen);
         let (mut common, mut closing) = (0, 0);
         let (mut cursor, mut blocked) = (self.first[v as usize], false);
-        while cursor != NONE {
-            let face = self.faces[cursor as usize / 3].vertices;
-            if face[0] != NONE {
+        while cursor != NO_CORNER {
+            let face = self.faces[cursor as usize / 3];
+            if face.is_live() {
+                let face = face.vertices;
                 for w in face {
                     if w != u && w != v && self.marks[w as usize] == seen {
                         self.marks[w as usize] = shared;
@@ -68,7 +75,7 @@ impl Simplifier {
                         closing += usize::from(hole);
                     }
                 }
-                // A face of v whose other corners both neighbour u would fold onto a face of u.
+                // A face of v would fold onto a face of u with the same other corners.
                 blocked |= !face.contains(&u)
                     && face.iter().all(|&w| w == v || self.marks[w as usize] >= seen)
                     && self.has_face_with(u, face, v);
@@ -78,31 +85,33 @@ impl Simplifier {
         common == edge_faces + closing.min(1) && !blocked
     }
 
-    /// Whether some face has all three corners.
-    pub(super) fn has_face(&self, u: u32, v: u32, w: u32) -> bool {
+    /// True if a face has these three corners.
+    fn has_face(&self, u: u32, v: u32, w: u32) -> bool {
         self.faces_of(u).any(|(f, _)| {
-            let face = self.faces[f as usize].vertices;
+            let face = self.face(f);
             face.contains(&v) && face.contains(&w)
         })
     }
 
-    /// Whether `u` has a face with the corners of `face` other than `v`.
-    pub(super) fn has_face_with(&self, u: u32, face: [u32; 3], v: u32) -> bool {
-        self.faces_of(u).any(|(f, _)| face.iter().all(|w| *w == v || self.faces[f as usize].vertices.contains(w)))
+    /// True if `u` has a face with the corners of `face` other than `v`.
+    fn has_face_with(&self, u: u32, face: [u32; 3], v: u32) -> bool {
+        self.faces_of(u).any(|(f, _)| face.iter().all(|w| *w == v || self.face(f).contains(w)))
     }
 
-    /// Whether the faces of `moved` that `other` is not part of stay the right way up when it moves to `place`.
-    pub(super) fn keeps_faces(&self, moved: u32, other: u32, place: DVec3, max_turn: f64) -> bool {
+    /// True if the faces of `moved` that do not contain `other` keep an area and do not flip when `moved` goes to
+    /// `position`. `min_cosine` is the least cosine between the normals of a face before and after.
+    pub(super) fn keeps_faces(&self, moved: u32, other: u32, position: DVec3, min_cosine: f64) -> bool {
         self.faces_of(moved).all(|(f, k)| {
-            let face = self.faces[f as usize].vertices;
+            let face = self.face(f);
             if face.contains(&other) {
                 return true;
             }
             let [a, b] = [face[(k + 1) % 3], face[(k + 2) % 3]].map(|v| self.positions[v as usize]);
             let before = self.positions[moved as usize];
-            let (old, new) = ((a - before).cross(b - before), (a - place).cross(b - place));
-            let longest = (a - place).length_squared().max((b - place).length_squared()).max((a - b).length_squared());
-            new.length() > 1e-5 * longest && old.dot(new) >= max_turn * old.length() * new.length()
+            let (old, new) = (area_vector(&[before, a, b]), area_vector(&[position, a, b]));
+            let squares = [a - position, b - position, a - b].map(|edge| edge.length_squared());
+            let longest = squares[0].max(squares[1]).max(squares[2]);
+            new.length() > MIN_AREA * longest && old.dot(new) >= min_cosine * old.length() * new.length()
         })
     }
 }

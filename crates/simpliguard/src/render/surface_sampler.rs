@@ -1,4 +1,4 @@
-//! What a point of a source's surface looks like: material factors, textures at the right mip level, normal maps.
+//! Samples of a source's surface: material factors, textures at the right mip level, normal maps.
 
 use glam::{Mat2, Vec2, Vec3, Vec4, Vec4Swizzles};
 
@@ -7,45 +7,45 @@ use crate::data::{Material, Model, TextureRef};
 /// Material properties at one point of the surface, in linear light.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SurfaceSample {
-    /// Colour without light, and alpha: the base colour, or what a material emits that does nothing else.
+    /// Colour without light, and alpha: the base colour, or the emitted colour of a material that only emits.
     pub color: Vec4,
-    /// Whether `color` is emitted.
+    /// True if `color` is emitted.
     pub glows: bool,
-    /// Unit shading normal in world space, normal map applied.
+    /// Unit shading normal in world space, with the normal map.
     pub normal: Vec3,
-    /// 0 occluded to 1 open.
+    /// Ambient occlusion, 0 occluded to 1 open.
     pub occlusion: f32,
-    /// 0 to 1.
+    /// Roughness, 0 to 1.
     pub roughness: f32,
-    /// 0 to 1.
+    /// Metalness, 0 to 1.
     pub metallic: f32,
-    /// Light emitted besides.
+    /// Light emitted in addition to `color`.
     pub emissive: Vec3,
 }
 
 /// Samples a model's surface by triangle and barycentric coordinates.
 pub struct SurfaceSampler<'a> {
     model: &'a Model,
-    /// log2 of each triangle's area in texture space, for both sets.
+    /// log2 of each triangle's area in texture space, for both sets of texture coordinates.
     uv_area: [Vec<f32>; 2],
 }
 
-/// The part of a triangle's area that one sample stands for: a pixel's share of its area on screen, or a texel's of its
-/// area in space. Selects the mip level.
+/// The fraction of a triangle's area that one sample stands for: the area of a pixel divided by that of the triangle on
+/// screen, or the area of a texel divided by that of the triangle in space. It selects the mip level.
 #[derive(Clone, Copy, Debug)]
 pub struct Footprint {
     log2: f32,
 }
 
 impl Footprint {
-    /// `sample` and `triangle` are areas in one unit.
+    /// The footprint of a sample; `sample` and `triangle` are areas in the same unit.
     pub fn new(sample: f32, triangle: f32) -> Self {
         Self { log2: libm::log2f((sample / triangle.max(1e-30)).clamp(1e-30, 1e30)) }
     }
 }
 
 impl<'a> SurfaceSampler<'a> {
-    /// Prepares the mip selection of every triangle.
+    /// A sampler of `model`, with the mip selection prepared for every triangle.
     pub fn new(model: &'a Model) -> Self {
         let uv_area = [0, 1].map(|set| {
             let uvs = &model.surface.uvs[set];
@@ -72,8 +72,8 @@ impl<'a> SurfaceSampler<'a> {
         &self.model.materials[self.model.surface.material[t] as usize]
     }
 
-    /// Colour without light, and alpha, at barycentric coordinates `b` of triangle `t`, linear: the base colour, or what a
-    /// material emits that does nothing else.
+    /// Colour without light, and alpha, at barycentric coordinates `b` of triangle `t`, in linear light: the base
+    /// colour, or the emitted colour of a material that only emits.
     pub fn color(&self, t: usize, b: Vec3, footprint: Footprint) -> Vec4 {
         let base = self.base_color(t, b, footprint);
         if self.material(t).only_emits() { self.emissive(t, b, footprint).extend(base.w) } else { base }
@@ -85,7 +85,7 @@ impl<'a> SurfaceSampler<'a> {
         material.emissive * material.emissive_texture.as_ref().map_or(Vec3::ONE, texel)
     }
 
-    /// Base colour and alpha at barycentric coordinates `b` of triangle `t`, linear light.
+    /// Base colour and alpha at barycentric coordinates `b` of triangle `t`, in linear light.
     fn base_color(&self, t: usize, b: Vec3, footprint: Footprint) -> Vec4 {
         let material = self.material(t);
         let mut color = material.base_color;
@@ -100,7 +100,7 @@ impl<'a> SurfaceSampler<'a> {
         color
     }
 
-    /// Unit shading normal, normal map applied.
+    /// Unit shading normal in world space, with the normal map.
     pub fn normal(&self, t: usize, b: Vec3, footprint: Footprint) -> Vec3 {
         let surface = &self.model.surface;
         let corners = surface.triangles[t].map(|v| v as usize);
@@ -114,7 +114,7 @@ impl<'a> SurfaceSampler<'a> {
         (tangent * x + bitangent * y + normal * mapped.z).normalize_or(normal)
     }
 
-    /// Everything at once.
+    /// All properties at barycentric coordinates `b` of triangle `t`.
     pub fn sample(&self, t: usize, b: Vec3, footprint: Footprint) -> SurfaceSample {
         let material = self.material(t);
         let texel = |texture: &Option<TextureRef>| {
@@ -152,7 +152,7 @@ impl<'a> SurfaceSampler<'a> {
         texture.transform.transform_point2(i * b.x + j * b.y + k * b.z)
     }
 
-    /// Tangent and bitangent: the source's own where it has them, else from the texture coordinates.
+    /// Tangent and bitangent: the source's own if it has them, else from the texture coordinates.
     fn tangent_frame(&self, t: usize, b: Vec3, normal: Vec3, texture: &TextureRef) -> (Vec3, Vec3) {
         let surface = &self.model.surface;
         let corners = surface.triangles[t].map(|v| v as usize);
@@ -175,8 +175,8 @@ impl<'a> SurfaceSampler<'a> {
         let sign = if m.determinant() < 0.0 { -1.0 } else { 1.0 };
         let tangent = ((p1 - p0) * (u2 - u0).y - (p2 - p0) * (u1 - u0).y) * sign;
         let tangent = (tangent - normal * normal.dot(tangent)).normalize_or(normal.any_orthonormal_vector());
-        // Green points up in the image, along -v. A chart that is not mirrored runs clockwise in (u, v), as v grows
-        // downwards: there the bitangent is n x t.
+        // Green points up in the image, along -v. A chart that is not mirrored runs clockwise in (u, v), because v
+        // grows downwards; its bitangent is n x t.
         (tangent, normal.cross(tangent) * -sign)
     }
 }

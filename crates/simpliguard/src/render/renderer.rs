@@ -1,0 +1,203 @@
+//! Renders images of a model: first opaque and alpha-tested surfaces, then blended ones in the order of the source.
+
+use glam::{Vec3, Vec4, Vec4Swizzles};
+
+use super::camera::Camera;
+use super::image::Image;
+use super::raster::{EMPTY_PIXEL, Raster, Rect};
+use super::shader::{Light, Shader};
+use super::surface_sampler::SurfaceSampler;
+use crate::data::AlphaMode;
+
+/// Draws one model from many cameras. Its buffers are reused; each thread has its own renderer.
+pub struct Renderer<'a> {
+    sampler: &'a SurfaceSampler<'a>,
+    raster: Raster,
+    /// Encoded, premultiplied colour of each sample.
+    colors: Vec<Vec4>,
+    /// Samples along each side of a pixel.
+    samples: usize,
+}
+
+impl<'a> Renderer<'a> {
+    /// A renderer of images with a side of `size` pixels, each the mean of `samples` x `samples` points.
+    pub fn new(sampler: &'a SurfaceSampler<'a>, size: usize, samples: usize) -> Self {
+        let fine = size * samples;
+        Self { sampler, raster: Raster::new(fine), colors: vec![Vec4::ZERO; fine * fine], samples }
+    }
+
+    /// The image of the model from `camera`.
+    pub fn draw(&mut self, camera: &Camera, light: Light) -> Image {
+        self.draw_moved(&self.sampler.model().surface.positions, camera, light)
+    }
+
+    /// The image of the model from `camera`, with its vertices at `positions`. It is lit as if they had not moved.
+    pub fn draw_moved(&mut self, positions: &[Vec3], camera: &Camera, light: Light) -> Image {
+        let clip = camera.project(positions);
+        let rect = Rect::around(&clip, self.raster.size, self.samples).aligned(self.samples);
+        self.raster.clear(rect);
+        for y in rect.rows() {
+            let row = y * self.raster.size;
+            self.colors[row + rect.x0..row + rect.x1.max(rect.x0)].fill(Vec4::ZERO);
+        }
+        draw_opaque(self.sampler, &mut self.raster, &clip);
+        self.shade_opaque(&clip, rect, camera, light);
+        self.blend(&clip, camera, light);
+        self.resolve(rect)
+    }
+
+    /// Shades the pixels of the visibility buffer.
+    fn shade_opaque(&mut self, clip: &[Vec4], rect: Rect, camera: &Camera, light: Light) {
+        let size = self.raster.size;
+        let mut shader = Shader::new(self.sampler, clip, size, camera.eye, light);
+        for y in rect.rows() {
+            for x in rect.columns() {
+                let id = self.raster.ids[y * size + x];
+                if id != EMPTY_PIXEL {
+                    self.colors[y * size + x] = shader.shade(id as usize, x, y).with_w(1.0);
+                }
+            }
+        }
+    }
+
+    /// Draws the blended triangles, in the order of the source.
+    fn blend(&mut self, clip: &[Vec4], camera: &Camera, light: Light) {
+        let model = self.sampler.model();
+        if model.materials.iter().all(|m| m.alpha_mode != AlphaMode::Blend) {
+            return;
+        }
+        let size = self.raster.size;
+        let pixels = self.raster.pixel_corners(clip);
+        let mut shader = Shader::new(self.sampler, clip, size, camera.eye, light);
+        let colors = &mut self.colors;
+        for (t, triangle) in model.surface.triangles.iter().enumerate() {
+            let material = self.sampler.material(t);
+            if material.alpha_mode != AlphaMode::Blend {
+                continue;
+            }
+            let corners = triangle.map(|v| pixels[v as usize]);
+            self.raster.draw_tested(t, corners, material.double_sided, |i, x, y| {
+                let color = shader.shade(t, x, y);
+                let over = (color.xyz() * color.w).extend(color.w);
+                colors[i] = over + colors[i] * (1.0 - color.w);
+                false
+            });
+        }
+    }
+
+    /// The image, each pixel the mean of its samples.
+    fn resolve(&self, rect: Rect) -> Image {
+        let (n, fine) = (self.samples, self.raster.size);
+        let size = fine / n;
+        let scale = 255.0 / (n * n) as f32;
+        let mut pixels = vec![[0; 4]; size * size];
+        for y in rect.y0 / n..rect.y1 / n {
+            for x in rect.x0 / n..rect.x1 / n {
+                let mut sum = Vec4::ZERO;
+                for row in 0..n {
+                    let start = (y * n + row) * fine + x * n;
+                    sum += self.colors[start..start + n].iter().sum::<Vec4>();
+                }
+                pixels[y * size + x] = (sum * scale + 0.5).to_array().map(|c| c as u8);
+            }
+        }
+        Image { size, pixels }
+    }
+}
+
+/// Draws everything that hides what is behind it: opaque triangles, and masked ones where they are not cut out.
+fn draw_opaque(sampler: &SurfaceSampler<'_>, raster: &mut Raster, clip: &[Vec4]) {
+    let model = sampler.model();
+    let size = raster.size;
+    if model.materials.iter().all(|m| m.alpha_mode == AlphaMode::Opaque) {
+        raster.draw(clip, &model.surface.triangles, |t| sampler.material(t).double_sided);
+        return;
+    }
+    let mut shader: Option<Shader<'_, '_>> = None;
+    let pixels = raster.pixel_corners(clip);
+    for (t, triangle) in model.surface.triangles.iter().enumerate() {
+        let material = sampler.material(t);
+        let corners = triangle.map(|v| pixels[v as usize]);
+        match material.alpha_mode {
+            AlphaMode::Blend => {}
+            AlphaMode::Opaque => raster.draw_tested(t, corners, material.double_sided, |_, _, _| true),
+            AlphaMode::Mask { cutoff } => {
+                let shader = shader.get_or_insert_with(|| Shader::new(sampler, clip, size, Vec3::ZERO, Light::None));
+                raster.draw_tested(t, corners, material.double_sided, |_, x, y| shader.color(t, x, y).w >= cutoff);
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::data::{Material, Model, Surface};
+    use crate::geometry::BoundingSphere;
+
+    fn card(materials: Vec<Material>) -> Model {
+        // One card for each material, the first one farthest from +z.
+        let mut surface = Surface::default();
+        for i in 0..materials.len() as u32 {
+            let z = 0.1 * i as f32;
+            surface
+                .positions
+                .extend([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]].map(|[x, y]| Vec3::new(x, y, z)));
+            surface.normals.extend([Vec3::Z; 4]);
+            surface.triangles.extend([[4 * i, 4 * i + 1, 4 * i + 2], [4 * i, 4 * i + 2, 4 * i + 3]]);
+            surface.material.extend([i, i]);
+        }
+        surface.uvs[0] = vec![glam::Vec2::ZERO; surface.positions.len()];
+        Model { surface, materials, ..Model::empty("card") }
+    }
+
+    fn centre_pixel(model: &Model, light: Light) -> [u8; 4] {
+        let sampler = SurfaceSampler::new(model);
+        let camera = Camera::orbit(&BoundingSphere { centre: Vec3::ZERO, radius: 1.5 }, Vec3::Z, 0.7, 1.0);
+        Renderer::new(&sampler, 32, 2).draw(&camera, light).pixels[16 * 32 + 16]
+    }
+
+    fn paint(r: f32, alpha: f32, alpha_mode: AlphaMode) -> Material {
+        Material { base_color: Vec4::new(r, 0.0, 0.0, alpha), alpha_mode, ..Material::default() }
+    }
+
+    #[test]
+    fn base_colour_is_encoded_to_srgb() {
+        let model = card(vec![paint(0.5, 1.0, AlphaMode::Opaque)]);
+        assert_eq!(centre_pixel(&model, Light::None), [188, 0, 0, 255]);
+    }
+
+    #[test]
+    fn a_view_holds_nothing_of_the_one_before() {
+        let model = card(vec![paint(1.0, 1.0, AlphaMode::Opaque)]);
+        let sampler = SurfaceSampler::new(&model);
+        let from = |radius: f32| Camera::orbit(&BoundingSphere { centre: Vec3::ZERO, radius }, Vec3::Z, 0.7, 1.0);
+        let mut reused = Renderer::new(&sampler, 33, 2);
+        for radius in [1.0, 1.6, 2.1, 3.3] {
+            let fresh = Renderer::new(&sampler, 33, 2).draw(&from(radius), Light::None);
+            assert_eq!(reused.draw(&from(radius), Light::None), fresh);
+        }
+    }
+
+    #[test]
+    fn a_headlight_from_the_front_changes_nothing() {
+        let model = card(vec![paint(1.0, 1.0, AlphaMode::Opaque)]);
+        assert_eq!(centre_pixel(&model, Light::Head), [255, 0, 0, 255]);
+    }
+
+    #[test]
+    fn blended_cards_show_what_is_behind() {
+        let model = card(vec![paint(1.0, 1.0, AlphaMode::Opaque), paint(0.0, 0.5, AlphaMode::Blend)]);
+        let [red, green, blue, alpha] = centre_pixel(&model, Light::None);
+        assert!(red.abs_diff(128) <= 1 && [green, blue, alpha] == [0, 0, 255], "{red}");
+    }
+
+    #[test]
+    fn masked_cards_are_there_or_not() {
+        for (alpha, red) in [(0.4, 255), (0.6, 0)] {
+            let front = paint(0.0, alpha, AlphaMode::Mask { cutoff: 0.5 });
+            let model = card(vec![paint(1.0, 1.0, AlphaMode::Opaque), front]);
+            assert_eq!(centre_pixel(&model, Light::None)[0], red);
+        }
+    }
+}

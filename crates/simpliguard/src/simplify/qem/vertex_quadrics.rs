@@ -1,0 +1,90 @@
+//! The quadrics of the vertices before the first collapse.
+
+use glam::DVec3;
+use rayon::prelude::*;
+
+use super::quadric::Quadric;
+use super::simplifier::Simplifier;
+use crate::geometry::area_vector;
+
+/// Weight of the planes that hold the boundary, relative to those of the faces beside it.
+const BOUNDARY_WEIGHT: f64 = 3.0;
+
+impl Simplifier {
+    /// The quadric of a vertex.
+    pub(super) fn quadric(&self, v: u32) -> Quadric {
+        Quadric {
+            planes: self.planes[v as usize],
+            attribute: self.attributes.get(v as usize).copied().unwrap_or_default(),
+        }
+    }
+
+    /// The sum of the quadrics of two vertices.
+    pub(super) fn edge_quadric(&self, u: u32, v: u32) -> Quadric {
+        let mut quadric = self.quadric(u);
+        quadric.add(&self.quadric(v));
+        quadric
+    }
+
+    pub(super) fn add_quadric(&mut self, v: u32, quadric: &Quadric) {
+        self.planes[v as usize].add(&quadric.planes);
+        if let Some(attribute) = self.attributes.get_mut(v as usize) {
+            attribute.add(&quadric.attribute);
+        }
+    }
+
+    /// Adds the planes of the faces, and their curvature if it has a weight.
+    pub(super) fn add_face_quadrics(&mut self, weights: &[f64], curvature: f64) {
+        let curvatures = if curvature > 0.0 { self.vertex_curvatures() } else { Vec::new() };
+        for (f, &weight) in (0u32..).zip(weights) {
+            let (face, corners) = (self.face(f), self.corners(f));
+            let n = area_vector(&corners).normalize_or_zero();
+            let mut quadric = Quadric::plane(n, -n.dot(corners[0]), weight);
+            if curvature > 0.0 {
+                let c = face.map(|v| curvatures[v as usize]);
+                quadric.add(&Quadric::curvature(corners, n, c, weight * curvature));
+            }
+            for v in face {
+                self.add_quadric(v, &quadric);
+                self.mass[v as usize] += weight;
+            }
+        }
+    }
+
+    /// The paper's curvature of each vertex, `1 / sum_j angle(n, N_j)`: low on ridges and creases, one on flats. The
+    /// printed form is infinite on flats. Hence a small angle is added, and the result is scaled to at most one.
+    fn vertex_curvatures(&self) -> Vec<f64> {
+        const SMALLEST_ANGLE: f64 = 1e-3;
+        let normal = |f: u32| area_vector(&self.corners(f));
+        (0..self.positions.len() as u32)
+            .into_par_iter()
+            .map(|v| {
+                let mean = self.faces_of(v).map(|(f, _)| normal(f)).sum::<DVec3>().normalize_or_zero();
+                let angles: f64 = self
+                    .faces_of(v)
+                    .map(|(f, _)| libm::acos(mean.dot(normal(f).normalize_or_zero()).clamp(-1.0, 1.0)))
+                    .sum();
+                SMALLEST_ANGLE / (angles + SMALLEST_ANGLE)
+            })
+            .collect()
+    }
+
+    /// Adds planes through the boundary edges, perpendicular to their faces.
+    pub(super) fn add_boundary_quadrics(&mut self, weights: &[f64]) {
+        for (f, &weight) in (0u32..).zip(weights) {
+            let face = self.face(f);
+            for k in 0..3 {
+                let (a, b) = (face[k], face[(k + 1) % 3]);
+                if !self.is_boundary_edge(a, b) {
+                    continue;
+                }
+                let corners = [a, b, face[(k + 2) % 3]].map(|v| self.positions[v as usize]);
+                let [pa, pb, _] = corners;
+                let n = (pb - pa).cross(area_vector(&corners)).normalize_or_zero();
+                let quadric = Quadric::plane(n, -n.dot(pa), BOUNDARY_WEIGHT * weight);
+                self.add_quadric(a, &quadric);
+                self.add_quadric(b, &quadric);
+            }
+        }
+    }
+}

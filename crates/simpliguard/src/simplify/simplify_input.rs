@@ -1,0 +1,88 @@
+//! The mesh from which a candidate is collapsed, and the visible size of its faces.
+
+use super::candidates::reconstruction;
+use super::inputs::Inputs;
+use super::{visibility, weld};
+use crate::data::{Candidate, TriMesh};
+use crate::geometry::BoundingSphere;
+
+/// Number of directions from which a mesh is viewed in the rest pose.
+pub(super) const DIRECTIONS: usize = 48;
+/// Rings of invisible faces that are kept around visible ones.
+const KEPT_RINGS: usize = 2;
+
+/// A mesh before its collapse, and the visible size of its faces.
+pub(super) struct SimplifyInput {
+    pub(super) mesh: TriMesh,
+    /// Number of pixels that each face covers, over all views.
+    pub(super) pixels: Vec<u32>,
+    /// True if double-sided faces cover more than half of the pixels.
+    pub(super) double_sided: bool,
+}
+
+impl SimplifyInput {
+    /// The mesh of a candidate. `remove_invisible` removes the faces that no view sees.
+    pub(super) fn of(inputs: &Inputs<'_>, remove_invisible: bool, candidate: Candidate) -> Self {
+        let (mesh, two_sided) = candidate_mesh(inputs, candidate);
+        let pixels = pixels_in_all_poses(inputs, &mesh, &|t| two_sided[t]);
+        let double = pixels.iter().zip(&two_sided).filter(|(_, two)| **two).map(|(&n, _)| u64::from(n)).sum::<u64>();
+        let double_sided = 2 * double > pixels.iter().map(|&n| u64::from(n)).sum::<u64>();
+        if !remove_invisible || pixels.iter().all(|&n| n == 0) || inputs.cancellation.is_cancelled() {
+            return Self { mesh, pixels, double_sided };
+        }
+        let mut kept: Vec<bool> = pixels.iter().map(|&n| n > 0).collect();
+        visibility::grow(&mesh, &mut kept, KEPT_RINGS);
+        let visible = weld::cut(&mesh.filtered(|t| kept[t]));
+        let pixels = pixels.iter().zip(&kept).filter(|(_, kept)| **kept).map(|(&n, _)| n).collect();
+        Self { mesh: visible, pixels, double_sided }
+    }
+}
+
+/// The mesh of a candidate, and for each face if it has two sides.
+fn candidate_mesh(inputs: &Inputs<'_>, candidate: Candidate) -> (TriMesh, Vec<bool>) {
+    let opaque = inputs.opaque;
+    match candidate {
+        Candidate::Reconstruction(params) => {
+            let mesh = reconstruction::reconstruct(inputs, &params);
+            let faces = mesh.triangles.len();
+            (mesh, vec![false; faces])
+        }
+        // Cards begin with the source's own triangles.
+        Candidate::Source | Candidate::Cards => {
+            let (mesh, welded_from) = weld::weld(&opaque.mesh.positions, &opaque.mesh.triangles);
+            let two_sided =
+                welded_from.iter().map(|&t| inputs.model.material_of(opaque.source[t as usize]).double_sided);
+            (mesh, two_sided.collect())
+        }
+    }
+}
+
+/// Number of pixels that each face covers: in the rest pose and, from half as many directions, in the other poses.
+fn pixels_in_all_poses(
+    inputs: &Inputs<'_>,
+    mesh: &TriMesh,
+    double_sided: &(impl Fn(usize) -> bool + Sync),
+) -> Vec<u32> {
+    let mut pixels = visibility::visible_pixels(mesh, &inputs.sphere, DIRECTIONS, double_sided, inputs.cancellation);
+    let in_motion = pixels_in_motion(inputs, mesh, double_sided);
+    pixels.iter_mut().zip(in_motion).for_each(|(sum, n)| *sum += n);
+    pixels
+}
+
+/// Number of pixels that each face covers in the poses, from half as many directions as in the rest pose, spread over
+/// them.
+pub(super) fn pixels_in_motion(
+    inputs: &Inputs<'_>,
+    mesh: &TriMesh,
+    double_sided: &(impl Fn(usize) -> bool + Sync),
+) -> Vec<u32> {
+    let mut pixels = vec![0; mesh.triangles.len()];
+    let Some(poses) = inputs.poses else { return pixels };
+    let directions = (DIRECTIONS / 2).div_ceil(poses.count());
+    for posed in poses.posed(mesh, &poses.motions_by_closest_point(inputs.bvh, &mesh.positions)) {
+        let sphere = BoundingSphere::around(&posed.positions);
+        let in_pose = visibility::visible_pixels(&posed, &sphere, directions, double_sided, inputs.cancellation);
+        pixels.iter_mut().zip(in_pose).for_each(|(sum, n)| *sum += n);
+    }
+    pixels
+}
