@@ -10,7 +10,7 @@ use std::time::Instant;
 use image::{ImageFormat, RgbImage};
 use rayon::{ThreadPool, ThreadPoolBuilder};
 use simpliguard::data::{Level, Model};
-use simpliguard::gltf::{Limits, import};
+use simpliguard::gltf::{ImportLimits, import};
 use simpliguard::settings::BakeSettings;
 use simpliguard::{Cancellation, Context, Error, NoResources, Source, StageId, StageStore};
 use simpliguard_cache::{
@@ -218,9 +218,9 @@ impl<'a> Runner<'a> {
 /// Drawn from the files of the levels, so that a result from the cache will do.
 fn draw_turntable(job: &Job, levels: &[(u32, Vec<u8>)]) -> Result<Vec<u8>, Error> {
     let file = SourceFile::read(&job.input, &job.name)?;
-    let model = import(&file.source(), &Limits::default())?;
+    let model = import(&file.source(), &ImportLimits::default())?;
     let level = |(_, glb): &(u32, Vec<u8>)| {
-        import(&Source { name: &job.name, bytes: glb, resources: &NoResources }, &Limits::default())
+        import(&Source { name: &job.name, bytes: glb, resources: &NoResources }, &ImportLimits::default())
     };
     let levels: Vec<Model> = levels.iter().rev().map(level).collect::<Result<_, _>>()?;
     let invalid = |e: TurntableError| Error::invalid(&job.name, StageId::Export, format!("{e}"), "omit --turntable");

@@ -69,7 +69,10 @@ fn read_folder(src: &Path, folder: &Path, modules: &mut BTreeMap<Vec<String>, Mo
             read_folder(src, &path, modules);
         } else if let Some(stem) = relative.strip_suffix(".rs") {
             let mut module: Vec<String> = stem.split('/').map(str::to_owned).collect();
-            if module.last().is_some_and(|last| last == "mod" || (module.len() == 1 && (last == "lib" || last == "main"))) {
+            if module
+                .last()
+                .is_some_and(|last| last == "mod" || (module.len() == 1 && (last == "lib" || last == "main")))
+            {
                 module.pop();
             }
             let text = std::fs::read_to_string(&path).expect("reads");
@@ -151,8 +154,12 @@ fn leaves(tree: &str) -> Vec<(Vec<String>, String)> {
         let name = if alias.is_empty() { path.last().cloned().unwrap_or_default() } else { alias.trim().to_owned() };
         return vec![(path, name)];
     };
-    let prefix: Vec<String> =
-        tree[..open].trim_end_matches("::").split("::").filter(|s| !s.is_empty()).map(|s| s.trim().to_owned()).collect();
+    let prefix: Vec<String> = tree[..open]
+        .trim_end_matches("::")
+        .split("::")
+        .filter(|s| !s.is_empty())
+        .map(|s| s.trim().to_owned())
+        .collect();
     let body = &tree[open + 1..tree.rfind('}').unwrap_or(tree.len())];
     let mut out = Vec::new();
     let (mut depth, mut start) = (0, 0);
