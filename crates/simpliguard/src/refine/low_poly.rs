@@ -3,8 +3,8 @@ use std::collections::HashMap;
 use glam::{Vec2, Vec3, Vec4};
 
 use crate::animation::Motions;
+use crate::data::image::{halved, mean};
 use crate::data::{Atlas, TriMesh};
-use crate::render::two_by_two;
 
 /// Marks an edge that no other triangle shares.
 pub(super) const NO_NEIGHBOUR: u32 = u32::MAX;
@@ -28,11 +28,9 @@ impl TexelGrid {
 
     /// The same texture at half the size, each texel the mean of four.
     fn halved(&self) -> Self {
-        let size = self.size / 2;
-        let four = |i: usize| two_by_two(i, self.size);
-        let texels = (0..size * size).map(|i| four(i).map(|k| self.texels[k]).iter().sum::<Vec4>() * 0.25).collect();
-        let covered = (0..size * size).map(|i| four(i).iter().any(|&k| self.covered[k])).collect();
-        Self { size, texels, covered }
+        let size = [self.size; 2];
+        let covered = halved(&self.covered, size, |four| four.contains(&true));
+        Self { size: self.size / 2, texels: halved(&self.texels, size, mean), covered }
     }
 }
 

@@ -2,7 +2,7 @@
 
 use glam::Vec4;
 
-use super::two_by_two::two_by_two;
+use crate::data::image::halved;
 
 /// Rings of texels around each chart that dilation fills. Coarser scales fill the rest.
 const GUTTER_RINGS: usize = 8;
@@ -64,19 +64,17 @@ struct Scale {
 }
 
 impl Scale {
-    /// Half the side. A texel is known if any of its four is, and is their mean.
+    /// The texture at half the size. A texel is the mean of the known ones of its four, and known if there are any.
     fn halved(&self) -> Self {
-        let size = self.size / 2;
-        let mean = |i: usize| {
-            let four = two_by_two(i, self.size).map(|j| self.texels[j]);
+        let mean = |four: [(Vec4, f32); 4]| {
             let weight: f32 = four.iter().map(|f| f.1).sum();
             let sum: Vec4 = four.iter().map(|f| f.0 * f.1).sum();
             if weight > 0.0 { (sum / weight, 1.0) } else { (Vec4::ZERO, 0.0) }
         };
-        Self { size, texels: (0..size * size).map(mean).collect() }
+        Self { size: self.size / 2, texels: halved(&self.texels, [self.size; 2], mean) }
     }
 
-    /// Unknown texels take the value of the texel of half the resolution that covers them.
+    /// Gives unknown texels the value of the texel at half the size that covers them.
     fn fill_from(&mut self, coarse: &Self) {
         let size = self.size;
         for (i, texel) in self.texels.iter_mut().enumerate().filter(|(_, t)| t.1 == 0.0) {
@@ -85,7 +83,7 @@ impl Scale {
     }
 }
 
-/// The up to eight texels around one.
+/// The texels around a texel: eight, or fewer at the border.
 fn neighbours(i: usize, size: usize) -> impl Iterator<Item = usize> {
     let (x, y) = ((i % size) as isize, (i / size) as isize);
     let around = (-1..=1isize).flat_map(move |dy| (-1..=1isize).map(move |dx| (x + dx, y + dy)));

@@ -3,7 +3,7 @@
 use glam::{Vec3, Vec4, Vec4Swizzles};
 use image::{Rgba, RgbaImage};
 
-use super::two_by_two::two_by_two;
+use crate::data::image::halved;
 
 /// A square image: sRGB encoded, colours premultiplied by coverage, rows from the bottom.
 #[derive(Clone, Debug, PartialEq)]
@@ -25,11 +25,10 @@ impl Image {
     /// The image at half the size, each pixel the mean of four; `None` if the size is odd.
     pub fn halved(&self) -> Option<Self> {
         let size = self.size.is_multiple_of(2).then_some(self.size / 2)?;
-        let pixel = |i: usize| {
-            let four = two_by_two(i, self.size).map(|k| self.pixels[k]);
-            std::array::from_fn(|lane| ((four.iter().map(|p| u16::from(p[lane])).sum::<u16>() + 2) / 4) as u8)
+        let mean = |four: [[u8; 4]; 4]| {
+            std::array::from_fn(|channel| ((four.iter().map(|p| u16::from(p[channel])).sum::<u16>() + 2) / 4) as u8)
         };
-        Some(Self { size, pixels: (0..size * size).map(pixel).collect() })
+        Some(Self { size, pixels: halved(&self.pixels, [self.size; 2], mean) })
     }
 
     /// The image over a background of one encoded grey, 0 to 1, rows from the top.

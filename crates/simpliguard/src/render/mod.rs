@@ -12,7 +12,6 @@ pub(crate) mod raster;
 mod renderer;
 mod shader;
 mod surface_sampler;
-mod two_by_two;
 mod view;
 mod view_renderer;
 
@@ -23,7 +22,6 @@ pub use raster::{EMPTY_PIXEL, Raster, Rect};
 pub use renderer::Renderer;
 pub use shader::Light;
 pub use surface_sampler::{Footprint, SurfaceSample, SurfaceSampler};
-pub(crate) use two_by_two::two_by_two;
 pub use view::{View, take_posed_views, take_views};
 pub use view_renderer::ViewParams;
 pub(crate) use view_renderer::ViewRenderer;

@@ -23,7 +23,7 @@ struct Plane {
 }
 
 /// Mean squared distance of a mesh to the nearest tangent planes of the source.
-pub(crate) struct SourceDistance<'a> {
+pub(in crate::refine) struct SourceDistance<'a> {
     bvh: &'a Bvh,
     weight: f32,
     planes: Vec<[Plane; 3]>,
@@ -31,18 +31,18 @@ pub(crate) struct SourceDistance<'a> {
 
 impl<'a> SourceDistance<'a> {
     /// With the planes nearest to `low` as it is.
-    pub(crate) fn new(bvh: &'a Bvh, low: &LowPoly, weight: f32) -> Self {
+    pub(in crate::refine) fn new(bvh: &'a Bvh, low: &LowPoly, weight: f32) -> Self {
         let mut distance = Self { bvh, weight, planes: Vec::new() };
         distance.find_planes(low);
         distance
     }
 
-    pub(crate) fn set_weight(&mut self, weight: f32) {
+    pub(in crate::refine) fn set_weight(&mut self, weight: f32) {
         self.weight = weight;
     }
 
     /// Finds the planes nearest to `low` as it is.
-    pub(crate) fn find_planes(&mut self, low: &LowPoly) {
+    pub(in crate::refine) fn find_planes(&mut self, low: &LowPoly) {
         if self.weight == 0.0 {
             return;
         }
@@ -61,7 +61,7 @@ impl<'a> SourceDistance<'a> {
     }
 
     /// Adds the gradient of the weighted mean, for fixed planes; returns that loss.
-    pub(crate) fn add_gradient(&self, low: &LowPoly, gradient: &mut [Vec3]) -> f64 {
+    pub(in crate::refine) fn add_gradient(&self, low: &LowPoly, gradient: &mut [Vec3]) -> f64 {
         let mut loss = 0.0;
         for (t, (triangle, planes)) in low.triangles.iter().zip(&self.planes).enumerate() {
             let corners = low.corners(t);

@@ -13,16 +13,16 @@ const COVERAGE_WEIGHT: f32 = 1.0;
 
 /// Buffers of the image loss of one view, reused from step to step.
 #[derive(Default)]
-pub(crate) struct ImageLoss {
+pub(in crate::refine) struct ImageLoss {
     residual: Vec<Vec4>,
     /// At the antialiased pixels of the frame's rectangle.
-    pub(crate) gradient: Vec<Vec4>,
+    pub(in crate::refine) gradient: Vec<Vec4>,
 }
 
 impl ImageLoss {
     /// Compares a frame with `target` over a background of one encoded grey, 0 to 1. `lambda` is the weight of the image
     /// gradient. Replaces the gradient and returns the loss, per pixel of the frame.
-    pub(crate) fn run(&mut self, frame: &FrameBuffers, target: &Image, background: f32, lambda: f32) -> f64 {
+    pub(in crate::refine) fn run(&mut self, frame: &FrameBuffers, target: &Image, background: f32, lambda: f32) -> f64 {
         let FrameBuffers { size, rect, .. } = *frame;
         self.find_residual(frame, target, background);
         self.gradient.resize(size * size, Vec4::ZERO);
@@ -78,7 +78,7 @@ impl ImageLoss {
 }
 
 /// Sum of the squared colour errors over a background of one encoded grey, 0 to 1, in the frame's rectangle.
-pub(crate) fn squared_error(frame: &FrameBuffers, target: &Image, background: f32) -> f64 {
+pub(in crate::refine) fn squared_error(frame: &FrameBuffers, target: &Image, background: f32) -> f64 {
     let mut sum = 0.0;
     for y in frame.rect.rows() {
         for i in frame.span(y) {

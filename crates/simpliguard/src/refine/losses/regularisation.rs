@@ -8,7 +8,7 @@ use crate::data::area_vector;
 use crate::refine::low_poly::LowPoly;
 
 /// Both regularisation losses of one mesh.
-pub(crate) struct Regularisation {
+pub(in crate::refine) struct Regularisation {
     /// Initial positions.
     origin: Vec<Vec3>,
     triangles: Vec<[u32; 3]>,
@@ -19,13 +19,13 @@ pub(crate) struct Regularisation {
 
 impl Regularisation {
     /// The losses of displacements from `low` as it is.
-    pub(crate) fn new(low: &LowPoly, laplacian_weight: f32, normal_weight: f32) -> Self {
+    pub(in crate::refine) fn new(low: &LowPoly, laplacian_weight: f32, normal_weight: f32) -> Self {
         let edges = Edges::new(low.positions.len(), &low.triangles);
         Self { origin: low.positions.clone(), triangles: low.triangles.clone(), edges, laplacian_weight, normal_weight }
     }
 
     /// Adds the gradient of the weighted losses at `positions`; returns their sum.
-    pub(crate) fn add_gradient(&self, positions: &[Vec3], gradient: &mut [Vec3]) -> f64 {
+    pub(in crate::refine) fn add_gradient(&self, positions: &[Vec3], gradient: &mut [Vec3]) -> f64 {
         let displacements: Vec<Vec3> = positions.iter().zip(&self.origin).map(|(a, b)| *a - *b).collect();
         let laplacian = self.edges.add_laplacian(&displacements, self.laplacian_weight, gradient);
         if self.normal_weight == 0.0 {

@@ -185,10 +185,11 @@ mod tests {
         let bvh = Bvh::new(&model.surface.positions, &model.surface.triangles);
         let sampler = SurfaceSampler::new(model);
         let (opaque, poses) = (OpaqueSurface::of(&sampler), Poses::of(model, 1, 1, &Cancellation::default()));
+        let source = crate::skinning::SkinSource::new(model, &bvh);
         let inputs = Inputs {
             model,
             bvh: &bvh,
-            components: &crate::skinning::SkinSource::new(model, &bvh).components().to_vec(),
+            components: source.components(),
             opaque: &opaque,
             deviation_metric: &DeviationMetric::new(&opaque),
             sphere: BoundingSphere::around(&model.surface.positions),

@@ -69,12 +69,12 @@ impl Simplifier {
             let component = component_of[self.face(f)[0] as usize];
             components.entry(component).or_default().faces.push(f);
         }
-        for v in 0..self.positions.len() {
-            if let Some(component) = components.get_mut(&component_of[v]) {
-                // A vertex without faces has passed its mass on.
-                if self.faces_of(v as u32).next().is_some() {
-                    component.mass += self.mass[v];
-                }
+        for (v, component) in (0u32..).zip(&component_of) {
+            // A vertex without faces has passed its mass on.
+            if self.faces_of(v).next().is_some()
+                && let Some(component) = components.get_mut(component)
+            {
+                component.mass += self.mass[v as usize];
             }
         }
         let mut out: Vec<Component> = components.into_values().collect();
