@@ -45,9 +45,9 @@ const SIZES: [u32; 3] = [128, 384, 671];
 fn reconstruct_256(bencher: Bencher<'_, '_>, n: u32) {
     let mesh = torus(n);
     let bvh = Bvh::new(&mesh.positions, &mesh.triangles);
-    bencher.counter(ItemsCount::new(mesh.triangles.len())).bench_local(|| {
-        reconstruct(&mesh.positions, &mesh.triangles, &bvh, black_box(&Reconstruction::new(256)), &Cancellation::default())
-    });
+    bencher
+        .counter(ItemsCount::new(mesh.triangles.len()))
+        .bench_local(|| reconstruct(&mesh, &bvh, black_box(&Reconstruction::new(256)), &Cancellation::default()));
 }
 
 #[divan::bench(args = SIZES, sample_count = 5)]

@@ -1,14 +1,14 @@
-//! The flag that ends a bake.
+//! The flag that stops a bake.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use crate::Error;
 
-/// A flag shared between the one who cancels and the bake, which looks at it between and within stages.
+/// A flag that the caller sets and the bake reads, between stages and within them.
 ///
-/// A loop that holds it ends early once it is set, and what it returns then is sound but unfinished; the stage around it
-/// asks [`Context::check`] before it uses that.
+/// A loop may end early once the flag is set. Its result is then sound but unfinished, so the stage around it calls
+/// [`Self::check`] before it uses the result.
 #[derive(Clone, Debug, Default)]
 pub struct Cancellation(Arc<AtomicBool>);
 
@@ -18,13 +18,31 @@ impl Cancellation {
         self.0.store(true, Ordering::Relaxed);
     }
 
-    /// Whether [`Self::cancel`] was called.
+    /// True once [`Self::cancel`] was called.
     pub fn is_cancelled(&self) -> bool {
         self.0.load(Ordering::Relaxed)
     }
 
-    /// `Err` once the bake of `asset` is cancelled.
+    /// Stops the bake of `asset` once the flag is set.
+    ///
+    /// # Errors
+    /// [`Error::Cancelled`] once [`Self::cancel`] was called.
     pub fn check(&self, asset: &str) -> Result<(), Error> {
         if self.is_cancelled() { Err(Error::Cancelled { asset: asset.to_owned() }) } else { Ok(()) }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_clone_sees_the_flag_and_the_error_names_the_asset() {
+        let flag = Cancellation::default();
+        let seen = flag.clone();
+        assert!(seen.check("tree.glb").is_ok());
+        flag.cancel();
+        assert!(seen.is_cancelled());
+        assert_eq!(seen.check("tree.glb").expect_err("cancelled").to_string(), "tree.glb: cancelled");
     }
 }

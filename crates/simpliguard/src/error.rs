@@ -1,4 +1,4 @@
-//! The one error type of the chain.
+//! The one error type of the crate.
 
 use std::fmt;
 
@@ -45,59 +45,59 @@ impl fmt::Display for StageId {
     }
 }
 
-/// What stopped a bake. Every message names the asset, the stage, what was found and what to do about it.
+/// The reason why a bake stopped. A message names the asset and the stage, what was found, and what to do about it.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {
-    /// The bytes are no glTF, or break its rules in a way that leaves nothing to work on.
+    /// The bytes are no glTF, or break its rules so badly that nothing can be read.
     #[error("{asset}: {stage}: {found}; {advice}")]
     Invalid {
         /// Name of the asset as given in [`crate::Source::name`].
         asset: String,
-        /// Where it was found.
+        /// The stage that found it.
         stage: StageId,
-        /// What was found, with the offending index or value.
+        /// The finding, with the offending index or value.
         found: String,
-        /// What the user can do.
+        /// Advice for the user.
         advice: String,
     },
-    /// A file the glTF refers to could not be read.
+    /// A file that the glTF refers to could not be read.
     #[error("{asset}: {stage}: cannot read '{uri}': {reason}; put the file beside the model or correct the URI")]
     Resource {
         /// Name of the asset.
         asset: String,
-        /// Where it was asked for.
+        /// The stage that asked for it.
         stage: StageId,
-        /// The URI as the glTF spells it.
+        /// The URI as written in the glTF.
         uri: String,
         /// The reader's reason.
         reason: String,
     },
-    /// A required glTF extension that cannot be decoded.
+    /// The file requires a glTF extension that cannot be decoded.
     #[error("{asset}: import: requires the extension {extension}, which is not decoded; {advice}")]
     Extension {
         /// Name of the asset.
         asset: String,
         /// The extension's name.
         extension: String,
-        /// The command that converts the file.
+        /// A way to convert the file, such as a command.
         advice: String,
     },
-    /// An input over one of the limits that protect the machine.
+    /// The input exceeds one of the limits that protect the machine.
     #[error("{asset}: {stage}: {what} is {found}, over the limit of {limit}; reduce it or raise the limit")]
     Limit {
         /// Name of the asset.
         asset: String,
-        /// Where it was found.
+        /// The stage that found it.
         stage: StageId,
-        /// The measured quantity, with its unit.
+        /// The quantity that was measured, with its unit.
         what: String,
         /// Its value.
         found: u64,
         /// The limit.
         limit: u64,
     },
-    /// A settings value out of its range, or an unknown name.
+    /// A setting is out of its range, or has an unknown name.
     #[error("settings: {0}")]
     Settings(String),
     /// The bake was cancelled through [`crate::Cancellation`].

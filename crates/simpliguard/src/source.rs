@@ -1,11 +1,11 @@
-//! What goes into a bake: the file's bytes, and a way to read the files it refers to.
+//! The input of a bake: the bytes of a file, and a reader for the files it refers to.
 
 use bytes::Bytes;
 
 /// A model file and the files around it.
 #[derive(Clone, Copy)]
 pub struct Source<'a> {
-    /// Shown in messages; usually the path as the user typed it. Never part of a cache key.
+    /// Its name in messages: usually the path as the user typed it. Never part of a cache key.
     pub name: &'a str,
     /// The whole `.glb` or `.gltf` file.
     pub bytes: &'a [u8],
@@ -15,11 +15,14 @@ pub struct Source<'a> {
 
 /// Reads the external files of a glTF.
 pub trait Resources: Sync {
-    /// The whole file at `uri`, relative to the model's folder. `Err` holds the reason, without the path.
+    /// Reads the whole file at `uri`, relative to the model's folder.
+    ///
+    /// # Errors
+    /// The reason, without the path.
     fn read(&self, uri: &RelativeUri) -> Result<Bytes, String>;
 }
 
-/// For files that stand alone: every read fails.
+/// A reader for files that refer to no others: every read fails.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct NoResources;
 
@@ -30,12 +33,15 @@ impl Resources for NoResources {
 }
 
 /// A percent-decoded, relative path that stays inside the model's folder: no scheme, no root, no drive letter, no
-/// `..`, no backslash, no NUL. The only way to make one is [`RelativeUri::parse`].
+/// `..`, no backslash, no NUL. Made only by [`RelativeUri::parse`].
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct RelativeUri(String);
 
 impl RelativeUri {
-    /// Checks and percent-decodes a URI of a glTF. `Err` says which rule it breaks.
+    /// Checks and percent-decodes a URI of a glTF.
+    ///
+    /// # Errors
+    /// The rule that the URI breaks.
     pub fn parse(uri: &str) -> Result<Self, String> {
         let decoded = String::from_utf8(percent_decode(uri)?).map_err(|_| "it does not decode to UTF-8")?;
         if decoded.is_empty() {
@@ -69,13 +75,13 @@ impl RelativeUri {
         Ok(Self(parts.join("/")))
     }
 
-    /// The decoded path, its parts separated by `/`.
+    /// The decoded path; folders are separated by `/`.
     pub fn as_str(&self) -> &str {
         &self.0
     }
 }
 
-/// Replaces each `%xx` by its byte.
+/// Replaces each `%xx` by its byte. `Err` names the position of a malformed escape.
 pub(crate) fn percent_decode(uri: &str) -> Result<Vec<u8>, String> {
     let bytes = uri.as_bytes();
     let mut out = Vec::with_capacity(bytes.len());

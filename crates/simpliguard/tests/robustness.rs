@@ -27,7 +27,7 @@ fn glb(triangles: &[[Vec3; 3]]) -> Vec<u8> {
     [bytemuck::cast_slice(&header), json.as_bytes(), bytemuck::cast_slice(&chunk), bin].concat()
 }
 
-/// As little work as the chain does.
+/// As little work as the pipeline does.
 fn settings(faces: &[u32]) -> BakeSettings {
     BakeSettings {
         faces: faces.to_vec(),

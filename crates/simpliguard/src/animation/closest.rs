@@ -3,11 +3,11 @@
 use glam::Vec3;
 use rayon::prelude::*;
 
-use super::Weights;
+use super::weights::Weights;
 use crate::data::{Influences, Surface};
-use crate::geometry::Bvh;
+use crate::geometry::{Bvh, clamped_barycentric};
 
-/// The closest point's influences for each position, whatever its distance.
+/// The influences at the closest point of the surface, for each position. The distance has no limit.
 pub(crate) fn closest_influences(surface: &Surface, bvh: &Bvh, positions: &[Vec3]) -> Vec<Influences> {
     let closest = |&position: &Vec3| {
         let hit = bvh.closest(position, f32::INFINITY);
@@ -16,24 +16,21 @@ pub(crate) fn closest_influences(surface: &Surface, bvh: &Bvh, positions: &[Vec3
     positions.par_iter().with_min_len(1024).map(closest).collect()
 }
 
-/// Influences at a point of a triangle.
+/// The influences at a point of a triangle.
 pub(crate) fn influences_at(surface: &Surface, triangle: usize, point: Vec3) -> Influences {
     weights_at(surface, triangle, corner_weights(surface, triangle, point)).strongest()
 }
 
-/// Weights at barycentric coordinates of a triangle.
-pub(crate) fn weights_at(surface: &Surface, triangle: usize, parts: [f32; 3]) -> Weights {
+/// The weights at the point of a triangle with these barycentric coordinates.
+pub(crate) fn weights_at(surface: &Surface, triangle: usize, barycentric: [f32; 3]) -> Weights {
     let mut weights = Weights::default();
-    for (&vertex, &part) in surface.triangles[triangle].iter().zip(&parts) {
-        weights.add(&surface.influences[vertex as usize], part);
+    for (&vertex, &factor) in surface.triangles[triangle].iter().zip(&barycentric) {
+        weights.add(&surface.influences[vertex as usize], factor);
     }
     weights
 }
 
-/// Barycentric coordinates, none below zero.
+/// The barycentric coordinates of a point of a triangle, none below zero.
 pub(crate) fn corner_weights(surface: &Surface, triangle: usize, point: Vec3) -> [f32; 3] {
-    let corners = surface.triangles[triangle].map(|v| surface.positions[v as usize]);
-    let parts = crate::geometry::barycentric(point, corners).map(|p| p.max(0.0));
-    let sum: f32 = parts.iter().sum();
-    parts.map(|p| p / sum)
+    clamped_barycentric(point, surface.triangles[triangle].map(|v| surface.positions[v as usize]))
 }

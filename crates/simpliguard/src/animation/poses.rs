@@ -1,45 +1,48 @@
-//! The poses that levels are fitted to besides the rest pose.
+//! The poses that levels are made for, besides the rest pose.
 
 use glam::{Affine3A, DMat4, Quat, Vec3};
 use rayon::prelude::*;
 
-use super::{LinearBlend, Motions, Skeleton, closest_influences};
+use super::closest::closest_influences;
+use super::linear_blend::LinearBlend;
+use super::motions::Motions;
+use super::skeleton::Skeleton;
 use crate::Cancellation;
 use crate::data::{Influences, Model, Pose, Surface, TriMesh};
 use crate::geometry::Bvh;
 
-/// Vertices that poses are compared by, about.
+/// Approximate number of vertices by which poses are compared.
 const SAMPLES: usize = 512;
-/// Least gain of a pose, as a part of the squared extent of the rest pose.
+/// Least gain of a pose, as a fraction of the summed squared distances of the rest pose's vertices from their mean.
 const LEAST_GAIN: f64 = 1e-6;
 
-/// How far joints are turned where there are no clips, in radians.
-const TURN: f32 = std::f32::consts::FRAC_PI_4;
+/// Angle in radians by which joints are rotated where there are no clips.
+const HINGE_ANGLE: f32 = std::f32::consts::FRAC_PI_4;
 
-/// Frames of the source's clips that stand for all of them, the most telling first; without clips the rest pose with one
-/// joint turned either way like a hinge.
+/// Frames of the source's clips that represent all of them, the most important first. Without clips the poses are the
+/// rest pose with one joint rotated like a hinge, in both directions.
 pub struct Poses<'a> {
     model: &'a Model,
-    skinning: LinearBlend<'a>,
+    blend: LinearBlend<'a>,
     /// The matrix of each bone in each pose.
     bones: Vec<Vec<DMat4>>,
-    /// How many of them decide on the shape.
+    /// Number of poses that simplification takes into account.
     decisive: usize,
 }
 
 impl<'a> Poses<'a> {
-    /// Up to `most` poses, the first `n` of which decide on the shape; none for a model without bones, or with clips that do
-    /// not move them.
+    /// Up to `most` poses. Simplification takes the first `n` of them into account. `None` for a model without bones,
+    /// for clips that do not move the vertices, and if `n` is zero.
     pub fn of(model: &'a Model, n: usize, most: usize, cancellation: &Cancellation) -> Option<Self> {
-        let skinning = LinearBlend::of(model).filter(|_| n > 0)?;
-        let turned = if skinning.poses().is_empty() { turned_joints(model) } else { Vec::new() };
-        let all = if turned.is_empty() { skinning.poses() } else { &turned };
-        let chosen = representative(&skinning, all, &model.surface, most.max(n), cancellation);
-        let bones: Vec<Vec<DMat4>> = chosen.iter().map(|pose| skinning.bones(pose)).collect();
-        (!bones.is_empty()).then(|| Self { model, skinning, decisive: n.min(bones.len()), bones })
+        let blend = LinearBlend::of(model).filter(|_| n > 0)?;
+        let turned = if blend.poses().is_empty() { turned_joints(model) } else { Vec::new() };
+        let all = if turned.is_empty() { blend.poses() } else { &turned };
+        let chosen = representative(&blend, all, &model.surface, most.max(n), cancellation);
+        let bones: Vec<Vec<DMat4>> = chosen.iter().map(|pose| blend.bones(pose)).collect();
+        (!bones.is_empty()).then(|| Self { model, blend, decisive: n.min(bones.len()), bones })
     }
 
-    /// How many decide on the shape.
+    /// Number of poses that simplification takes into account; they are the first ones.
     pub fn count(&self) -> usize {
         self.decisive
     }
@@ -49,43 +52,44 @@ impl<'a> Poses<'a> {
         &self.bones
     }
 
-    /// How many there are.
+    /// Number of all poses.
     pub fn all(&self) -> usize {
         self.bones.len()
     }
 
-    /// Motions into one pose for vertices with these influences.
+    /// The motion into one pose of each vertex with these influences.
     pub fn motions_into(&self, pose: usize, influences: &[Influences]) -> Vec<Affine3A> {
-        self.skinning.motions(&self.bones[pose], influences)
+        self.blend.motions(&self.bones[pose], influences)
     }
 
-    /// Motions into every pose.
+    /// The motions into all poses.
     pub fn all_motions(&self, influences: &[Influences]) -> Motions {
         Motions::new((0..self.all()).map(|pose| self.motions_into(pose, influences)).collect())
     }
 
-    /// Motions into each pose that decides on the shape.
+    /// The motions into the first [`Self::count`] poses.
     pub fn motions(&self, influences: &[Influences]) -> Motions {
         Motions::new((0..self.decisive).map(|pose| self.motions_into(pose, influences)).collect())
     }
 
-    /// As [`Self::motions`] with the influences of the closest points of the source, whose triangles `bvh` holds.
+    /// As [`Self::motions`], with the influences at the closest points of the source, whose triangles `bvh` holds.
     pub fn motions_by_closest_point(&self, bvh: &Bvh, positions: &[Vec3]) -> Motions {
         self.motions(&closest_influences(&self.model.surface, bvh, positions))
     }
 
-    /// How the place of a vertex in a pose changes with each of its weights; `position` is its place at rest.
+    /// The derivative of a vertex's position in a pose with respect to each of its weights; `position` is that of the
+    /// rest pose. See [`LinearBlend::by_weights`].
     pub fn by_weights(&self, pose: usize, influences: &Influences, position: Vec3) -> [Vec3; 4] {
-        self.skinning.by_weights(&self.bones[pose], influences, position)
+        self.blend.by_weights(&self.bones[pose], influences, position)
     }
 
-    /// The source's vertices in a pose.
+    /// The positions of the source's vertices in a pose.
     pub fn source_in(&self, pose: usize) -> Vec<Vec3> {
         let surface = &self.model.surface;
         moved(&surface.positions, &self.motions_into(pose, &surface.influences))
     }
 
-    /// The mesh in each of the poses that decide on the shape.
+    /// The mesh in each of the first [`Self::count`] poses.
     pub fn posed<'m>(&self, mesh: &'m TriMesh, motions: &'m Motions) -> impl Iterator<Item = TriMesh> + 'm {
         let poses = 0..self.count();
         poses.map(|pose| TriMesh {
@@ -95,15 +99,15 @@ impl<'a> Poses<'a> {
     }
 }
 
-/// The rest pose with each joint turned, both ways.
+/// The rest pose with each joint rotated, in both directions.
 fn turned_joints(model: &Model) -> Vec<Pose> {
-    let Some(joints) = Skeleton::of(model) else { return Vec::new() };
+    let Some(skeleton) = Skeleton::of(model) else { return Vec::new() };
     let turned = |joint: usize| {
-        let axis = joints.hinge_axis(joint);
-        axis.into_iter().flat_map(move |axis| [(joint, axis, TURN), (joint, axis, -TURN)])
+        let axis = skeleton.hinge_axis(joint);
+        axis.into_iter().flat_map(move |axis| [(joint, axis, HINGE_ANGLE), (joint, axis, -HINGE_ANGLE)])
     };
-    let hinges = (0..joints.count()).flat_map(turned);
-    hinges.map(|(joint, axis, turn)| joints.turned(joint, Quat::from_axis_angle(axis, turn))).collect()
+    let hinges = (0..skeleton.count()).flat_map(turned);
+    hinges.map(|(joint, axis, angle)| skeleton.turned(joint, Quat::from_axis_angle(axis, angle))).collect()
 }
 
 /// Moves each position by its own motion.
@@ -111,10 +115,12 @@ fn moved(positions: &[Vec3], motions: &[Affine3A]) -> Vec<Vec3> {
     positions.iter().zip(motions).map(|(&p, motion)| motion.transform_point3(p)).collect()
 }
 
-/// Up to `n` poses that, with the rest pose, stand best for all of them: each brings the mean squared distance between
-/// the poses and the nearest chosen one down as far as any can. Where the model stands makes no difference.
+/// Up to `n` poses that, with the rest pose, represent all of them.
+///
+/// The choice is greedy. Each pose lowers the sum of squared distances between all poses and their nearest chosen one
+/// by as much as any pose can. The position of the model as a whole makes no difference.
 fn representative<'p>(
-    skinning: &LinearBlend<'_>,
+    blend: &LinearBlend<'_>,
     poses: &'p [Pose],
     surface: &Surface,
     n: usize,
@@ -123,22 +129,22 @@ fn representative<'p>(
     let step = surface.positions.len().div_ceil(SAMPLES).max(1);
     let influences: Vec<Influences> = surface.influences.iter().step_by(step).copied().collect();
     let rest: Vec<Vec3> = surface.positions.iter().step_by(step).copied().collect();
-    let stances: Vec<Vec<Vec3>> =
-        poses.iter().map(|pose| centred(moved(&rest, &skinning.motions(&skinning.bones(pose), &influences)))).collect();
+    let posed: Vec<Vec<Vec3>> =
+        poses.iter().map(|pose| centred(moved(&rest, &blend.motions(&blend.bones(pose), &influences)))).collect();
     let rest = centred(rest);
     let least_gain = LEAST_GAIN * rest.iter().map(|p| f64::from(p.length_squared())).sum::<f64>();
-    let mut nearest: Vec<f64> = stances.iter().map(|stance| squared_distance(stance, &rest)).collect();
+    let mut nearest: Vec<f64> = posed.iter().map(|positions| squared_distance(positions, &rest)).collect();
     let mut chosen = Vec::new();
     while chosen.len() < n && !cancellation.is_cancelled() {
         let gain = |candidate: &Vec<Vec3>| -> f64 {
-            let distances = stances.iter().map(|stance| squared_distance(stance, candidate));
+            let distances = posed.iter().map(|positions| squared_distance(positions, candidate));
             nearest.iter().zip(distances).map(|(nearest, d)| (nearest - d).max(0.0)).sum()
         };
-        let gains: Vec<f64> = stances.par_iter().map(gain).collect();
+        let gains: Vec<f64> = posed.par_iter().map(gain).collect();
         let best = (0..gains.len()).reduce(|best, i| if gains[i] > gains[best] { i } else { best });
         let Some(best) = best.filter(|&i| gains[i] > least_gain) else { break };
         chosen.push(&poses[best]);
-        let distances = stances.iter().map(|stance| squared_distance(stance, &stances[best]));
+        let distances = posed.iter().map(|positions| squared_distance(positions, &posed[best]));
         nearest.iter_mut().zip(distances).for_each(|(nearest, d)| *nearest = nearest.min(d));
     }
     chosen
@@ -181,8 +187,8 @@ mod tests {
     #[test]
     fn poses_far_from_each_other_are_chosen_and_repeated_ones_are_not() {
         let model = model(&[0.0, 1.5, 0.0, 1.5, -1.5]);
-        let skinning = LinearBlend::of(&model).expect("bones");
-        let chosen = representative(&skinning, skinning.poses(), &model.surface, 4, &Cancellation::default());
+        let blend = LinearBlend::of(&model).expect("bones");
+        let chosen = representative(&blend, blend.poses(), &model.surface, 4, &Cancellation::default());
         assert_eq!(chosen.iter().map(|p| p.frame).collect::<Vec<_>>(), [Some((1, 0.0)), Some((4, 0.0))]);
         let poses = Poses::of(&model, 1, 4, &Cancellation::default()).expect("it moves");
         assert_eq!((poses.count(), poses.all()), (1, 2));
@@ -190,7 +196,7 @@ mod tests {
 
     #[test]
     fn a_rig_without_clips_is_turned_at_its_joints() {
-        let mut model = crate::animation::skeleton::tests::arm();
+        let mut model = crate::animation::arm();
         model.surface.positions = (0..9).map(|i| Vec3::new(0.25 * i as f32, 0.1, 0.1)).collect();
         model.surface.influences = (0..9).map(|i| Influences::rigid(i / 4)).collect();
         let poses = Poses::of(&model, 2, 8, &Cancellation::default()).expect("it turns");

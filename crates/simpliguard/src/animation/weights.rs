@@ -2,7 +2,8 @@
 
 use crate::data::Influences;
 
-/// Weights below this are noise of the interpolation, and vanish.
+/// Smallest weight relative to the largest one of a vertex; smaller ones are noise of the interpolation and are
+/// dropped.
 const NEGLIGIBLE: f32 = 1e-4;
 
 /// A sparse sum of influences, ascending by joint.
@@ -19,7 +20,7 @@ impl Weights {
         }
     }
 
-    /// Adds to one joint.
+    /// Adds to the weight of one joint.
     pub(crate) fn add_joint(&mut self, joint: u16, weight: f32) {
         match self.0.binary_search_by_key(&joint, |(j, _)| *j) {
             Ok(at) => self.0[at].1 += weight,
@@ -27,18 +28,18 @@ impl Weights {
         }
     }
 
-    /// Weight of a joint.
+    /// The weight of a joint; zero if it has none.
     pub(crate) fn of(&self, joint: u16) -> f32 {
         self.0.binary_search_by_key(&joint, |(j, _)| *j).map_or(0.0, |at| self.0[at].1)
     }
 
-    /// All joints, ascending.
+    /// The joints with an entry, ascending.
     pub(crate) fn joints(&self) -> impl Iterator<Item = u16> {
         self.0.iter().map(|(j, _)| *j)
     }
 
-    /// The four largest, falling, scaled to a sum of one; of equal ones the lower joint first. Entirely on joint 0 if
-    /// there is no weight.
+    /// The four largest weights in falling order, scaled to a sum of one; of equal weights the lower joint first. Joint
+    /// 0 has all the weight if there is none.
     pub(crate) fn strongest(&self) -> Influences {
         let mut all: Vec<(u16, f32)> = self.0.iter().copied().filter(|(_, w)| w.is_finite() && *w > 0.0).collect();
         all.sort_by(|a, b| b.1.total_cmp(&a.1).then(a.0.cmp(&b.0)));
@@ -55,7 +56,7 @@ impl Weights {
     }
 }
 
-/// Influences a part `t` of the way from `a` to `b`.
+/// The influences at the fraction `t` between `a` and `b`.
 pub(crate) fn blended(a: &Influences, b: &Influences, t: f32) -> Influences {
     let mut weights = Weights::default();
     weights.add(a, 1.0 - t);
@@ -63,14 +64,15 @@ pub(crate) fn blended(a: &Influences, b: &Influences, t: f32) -> Influences {
     weights.strongest()
 }
 
-/// The same influences with weights falling, none negligible, of sum one.
+/// The same influences with their weights in falling order, none negligible, scaled to a sum of one.
 pub(crate) fn ordered(influences: &Influences) -> Influences {
     let mut weights = Weights::default();
     weights.add(influences, 1.0);
     weights.strongest()
 }
 
-/// The closest point with coordinates of at least zero that sum to one (Duchi et al. 2008).
+/// Projects weights onto the probability simplex: the closest point with coordinates of at least zero that sum to one
+/// (Duchi et al. 2008).
 pub(crate) fn project(weights: &mut [f32]) {
     let mut falling = weights.to_vec();
     falling.sort_by(|a, b| b.total_cmp(a));

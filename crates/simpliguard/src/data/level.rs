@@ -1,9 +1,9 @@
-use glam::{Affine2, Vec2, Vec3, Vec4};
+//! A finished level of detail.
+
+use glam::{Affine2, Vec3, Vec4};
 use image::{DynamicImage, RgbImage, RgbaImage};
 
-use crate::settings::TextureFormat;
-
-use super::{AlphaMode, Influences, Material, Model, Surface, Texture, TextureRef, Wrap};
+use super::{LevelMaterial, LevelMesh, LevelTextures, Material, Model, Surface, Texture, TextureRef, Wrap};
 
 /// One finished level of detail.
 #[derive(Clone, Debug)]
@@ -14,7 +14,7 @@ pub struct Level {
     pub error: f32,
     /// Its triangles.
     pub mesh: LevelMesh,
-    /// Its skin lists only the joints that it hangs on, and not all of the source's.
+    /// Its skin lists only the joints that it uses, instead of all joints of the source.
     pub own_joints: bool,
     /// Its one material.
     pub material: LevelMaterial,
@@ -22,70 +22,44 @@ pub struct Level {
     pub textures: LevelTextures,
 }
 
-/// Triangles of a level, vertices duplicated along chart borders. Rest pose, world space.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct LevelMesh {
-    /// World space.
-    pub positions: Vec<Vec3>,
-    /// Unit length.
-    pub normals: Vec<Vec3>,
-    /// MikkTSpace; empty if the level has no normal map.
-    pub tangents: Vec<Vec4>,
-    /// In [0, 1], origin at the top left.
-    pub uvs: Vec<Vec2>,
-    /// Bones of each vertex; empty for a static model.
-    pub influences: Vec<Influences>,
-    /// Counter-clockwise seen from outside.
-    pub triangles: Vec<[u32; 3]>,
-    /// One for each of the source's [`Morphs`](super::Morphs), or none.
-    pub morphs: Vec<LevelMorph>,
-}
-
-/// What a morph target does to each vertex of a level at a weight of one.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct LevelMorph {
-    /// How far it goes, in the world at rest, in metres.
-    pub positions: Vec<Vec3>,
-    /// How its normal changes.
-    pub normals: Vec<Vec3>,
-}
-
-/// Factors and modes of a level's material; what varies over the surface is in [`LevelTextures`].
-#[derive(Clone, Debug, PartialEq)]
-pub struct LevelMaterial {
-    /// How alpha is used.
-    pub alpha_mode: AlphaMode,
-    /// Back faces are drawn too.
-    pub double_sided: bool,
-    /// `KHR_materials_unlit`.
-    pub unlit: bool,
-    /// Used if there is no occlusion-roughness-metallic texture.
-    pub metallic: f32,
-    /// Used if there is no occlusion-roughness-metallic texture.
-    pub roughness: f32,
-    /// Multiplied onto the emissive texture; zero without one.
-    pub emissive: Vec3,
-}
-
-/// Square textures of one size, clamped at the borders.
-#[derive(Clone, Debug)]
-pub struct LevelTextures {
-    /// sRGB; alpha is coverage in the modes that use it, else 255.
-    pub base_color: RgbaImage,
-    /// Tangent-space normals.
-    pub normal: Option<RgbImage>,
-    /// Occlusion in red, roughness in green, metalness in blue.
-    pub occlusion_roughness_metallic: Option<RgbImage>,
-    /// sRGB.
-    pub emissive: Option<RgbImage>,
-    /// How colours are stored in a file.
-    pub format: TextureFormat,
-}
-
 impl Level {
-    /// The level as if it were a source, so that it can be drawn and measured in the same way. Rest pose, without bones.
+    /// The level as a source model, so that it can be drawn and measured in the same way. Rest pose, without bones.
     pub fn to_model(&self, name: &str) -> Model {
         let mesh = &self.mesh;
+        let (material, textures) = self.to_material();
+        let emitting = Material {
+            base_color: Vec4::W,
+            emissive: Vec3::ONE,
+            emissive_texture: material.base_color_texture,
+            ..material.clone()
+        };
+        let surface = Surface {
+            positions: mesh.positions.clone(),
+            normals: mesh.normals.clone(),
+            tangents: mesh.tangents.clone(),
+            uvs: [mesh.uvs.clone(), Vec::new()],
+            triangles: mesh.triangles.clone(),
+            material: mesh.triangles.iter().map(|&t| u32::from(self.triangle_only_emits(t))).collect(),
+            ..Surface::default()
+        };
+        Model { surface, materials: vec![material, emitting], textures, ..Model::empty(name) }
+    }
+
+    /// Checks the textures, the mesh, and that the mesh is within the budget.
+    ///
+    /// # Errors
+    /// The first broken rule, with the values found.
+    pub fn validate(&self) -> Result<(), String> {
+        let (faces, budget) = (self.mesh.triangles.len(), self.budget);
+        if faces > budget as usize {
+            return Err(format!("the level has {faces} triangles, over its budget of {budget}"));
+        }
+        self.textures.validate()?;
+        self.mesh.validate()
+    }
+
+    /// The material of the faces that reflect light, and the textures of all faces.
+    fn to_material(&self) -> (Material, Vec<Texture>) {
         let wrap = [Wrap::Clamp; 2];
         let mut textures = Vec::new();
         let mut bind = |image: Option<RgbaImage>, srgb: bool| {
@@ -109,25 +83,10 @@ impl Level {
             unlit: self.material.unlit,
             ..Material::default()
         };
-        let emitting = Material {
-            base_color: Vec4::W,
-            emissive: Vec3::ONE,
-            emissive_texture: material.base_color_texture,
-            ..material.clone()
-        };
-        let surface = Surface {
-            positions: mesh.positions.clone(),
-            normals: mesh.normals.clone(),
-            tangents: mesh.tangents.clone(),
-            uvs: [mesh.uvs.clone(), Vec::new()],
-            triangles: mesh.triangles.clone(),
-            material: mesh.triangles.iter().map(|&t| u32::from(self.triangle_only_emits(t))).collect(),
-            ..Surface::default()
-        };
-        Model { surface, materials: vec![material, emitting], textures, ..Model::empty(name) }
+        (material, textures)
     }
 
-    /// Base colours, and emitted ones where those are black: see [`Material::only_emits`].
+    /// Base colours, with emitted colours where the base colour is black: see [`Material::only_emits`].
     fn seen_colors(&self) -> RgbaImage {
         let mut colors = self.textures.base_color.clone();
         for (x, y, color) in colors.enumerate_pixels_mut().filter(|&(x, y, _)| self.only_emits(x, y)) {
@@ -137,19 +96,75 @@ impl Level {
         colors
     }
 
-    /// Whether nothing but emitted light is seen of a texel.
+    /// True if a texel shows nothing but emitted light.
     fn only_emits(&self, x: u32, y: u32) -> bool {
         let emissive = self.textures.emissive.as_ref().filter(|_| self.material.emissive == Vec3::ONE);
         let black = self.textures.base_color.get_pixel(x, y).0[..3] == [0; 3];
         black && emissive.is_some_and(|image| image.get_pixel(x, y).0 != [0; 3])
     }
 
-    /// The same of a triangle, by its middle.
+    /// As [`Self::only_emits`], for the texel at the middle of a triangle.
     fn triangle_only_emits(&self, triangle: [u32; 3]) -> bool {
         let [width, height] = [self.textures.base_color.width(), self.textures.base_color.height()];
         let [a, b, c] = triangle.map(|v| self.mesh.uvs[v as usize]);
         let texel = |c: f32, size: u32| ((c * size as f32) as u32).min(size.saturating_sub(1));
         let middle = (a + b + c) / 3.0;
         width > 0 && height > 0 && self.only_emits(texel(middle.x, width), texel(middle.y, height))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::Vec2;
+    use image::Rgba;
+
+    use super::*;
+    use crate::data::{AlphaMode, TextureFormat};
+
+    fn level() -> Level {
+        Level {
+            budget: 1,
+            error: 0.0,
+            mesh: LevelMesh {
+                positions: vec![Vec3::ZERO, Vec3::X, Vec3::Y],
+                normals: vec![Vec3::Z; 3],
+                uvs: vec![Vec2::ZERO, Vec2::X, Vec2::Y],
+                triangles: vec![[0, 1, 2]],
+                ..LevelMesh::default()
+            },
+            own_joints: false,
+            material: LevelMaterial {
+                alpha_mode: AlphaMode::Opaque,
+                double_sided: false,
+                unlit: false,
+                metallic: 0.0,
+                roughness: 1.0,
+                emissive: Vec3::ZERO,
+            },
+            textures: LevelTextures {
+                base_color: RgbaImage::from_pixel(4, 4, Rgba([255; 4])),
+                normal: None,
+                occlusion_roughness_metallic: None,
+                emissive: None,
+                format: TextureFormat::Png,
+            },
+        }
+    }
+
+    #[test]
+    fn a_sound_level_passes() {
+        assert_eq!(level().validate(), Ok(()));
+    }
+
+    #[test]
+    fn each_broken_rule_is_named() {
+        let message = |edit: &dyn Fn(&mut Level)| {
+            let mut level = level();
+            edit(&mut level);
+            level.validate().expect_err("broken")
+        };
+        assert!(message(&|level| level.budget = 0).contains("1 triangles, over its budget of 0"));
+        assert!(message(&|level| level.mesh.normals[0] = Vec3::X * 2.0).contains("normal of vertex 0"));
+        assert!(message(&|level| level.textures.normal = Some(RgbImage::new(2, 2))).contains("normal map"));
     }
 }

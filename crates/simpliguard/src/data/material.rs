@@ -1,6 +1,8 @@
+//! The material of a source.
+
 use glam::{Affine2, Vec3, Vec4};
 
-/// glTF metallic-roughness material, factors in linear light.
+/// glTF metallic-roughness material; factors are in linear light.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Material {
     /// As in the source; empty if unnamed.
@@ -23,11 +25,11 @@ pub struct Material {
     pub occlusion_texture: Option<TextureRef>,
     /// 0 to 1.
     pub occlusion_strength: f32,
-    /// Linear, `KHR_materials_emissive_strength` multiplied in.
+    /// Linear, multiplied by `KHR_materials_emissive_strength`.
     pub emissive: Vec3,
     /// sRGB.
     pub emissive_texture: Option<TextureRef>,
-    /// How alpha is used.
+    /// Use of alpha.
     pub alpha_mode: AlphaMode,
     /// Back faces are drawn too.
     pub double_sided: bool,
@@ -35,12 +37,12 @@ pub struct Material {
     pub unlit: bool,
 }
 
-/// Base colours up to this reflect nothing that anyone sees.
+/// Base colours up to this reflect no visible light.
 const BLACK: f32 = 1e-3;
 
 impl Material {
-    /// Whether all that is seen of it is what it emits: the way that many tools write light that was baked into a texture.
-    /// Emission brighter than white is left to the light.
+    /// True if it reflects nothing and emits up to white. Many tools write light that was baked into a texture in this
+    /// way. Emission brighter than white is a light source and does not count.
     pub fn only_emits(&self) -> bool {
         let dark = self.base_color.truncate().max_element() <= BLACK;
         dark && !self.unlit && self.emissive.max_element() > BLACK && self.emissive.max_element() <= 1.0
@@ -79,17 +81,17 @@ pub enum AlphaMode {
         /// Alpha threshold.
         cutoff: f32,
     },
-    /// Drawn over what is behind.
+    /// Drawn over the surfaces behind.
     Blend,
 }
 
-/// A texture as a material uses it.
+/// A texture slot of a material.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TextureRef {
     /// Index into [`crate::data::Model::textures`].
     pub texture: usize,
     /// Index into [`crate::data::Surface::uvs`].
     pub uv_set: usize,
-    /// `KHR_texture_transform`, applied to the vertex's coordinates.
+    /// `KHR_texture_transform`, applied to the vertices' coordinates.
     pub transform: Affine2,
 }

@@ -1,23 +1,41 @@
 //! Plain data that stages pass on: the source model, meshes, images, atlases and finished levels. No algorithms.
+//!
+//! The `validate` methods check what the comments on the fields promise. Topology is checked in
+//! [`geometry`](crate::geometry).
 
 mod atlas;
 mod candidate;
 mod cards;
 mod deviation;
+mod document;
+pub(crate) mod image;
 mod level;
+mod level_material;
+mod level_mesh;
 mod material;
 mod material_weight;
 mod mesh;
 mod model;
+mod morphs;
+mod rig;
+mod srgb;
+mod surface;
 mod texture;
 
 pub use atlas::Atlas;
 pub use candidate::{Candidate, Reconstruction};
 pub use cards::{Cards, NO_CARD};
 pub use deviation::Deviation;
-pub use level::{Level, LevelMaterial, LevelMesh, LevelMorph, LevelTextures};
+pub use document::Document;
+pub use level::Level;
+pub use level_material::{LevelMaterial, LevelTextures, TextureFormat};
+pub use level_mesh::{LevelMesh, LevelMorph};
 pub use material::{AlphaMode, Material, TextureRef};
 pub use material_weight::MaterialWeight;
-pub use mesh::{TriMesh, bounds};
-pub use model::{Bone, Document, Influences, Model, MorphTarget, Morphs, Pose, Rig, SMALLEST_EXTENT, Surface};
-pub use texture::{Texture, Wrap, linear_to_srgb, srgb_to_linear};
+pub use mesh::{TriMesh, area_vector, bounds};
+pub use model::Model;
+pub use morphs::{MorphTarget, Morphs};
+pub use rig::{Bone, Influences, Pose, Rig};
+pub use srgb::{linear_to_srgb, srgb_to_linear};
+pub use surface::{SMALLEST_EXTENT, Surface};
+pub use texture::{Texture, Wrap};

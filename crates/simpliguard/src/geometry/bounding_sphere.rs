@@ -4,7 +4,7 @@ use glam::Vec3;
 
 use crate::data::bounds;
 
-/// The sphere that a camera frames.
+/// The bounding sphere of a model, which cameras frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BoundingSphere {
     /// Centre of the bounding box.
@@ -14,7 +14,7 @@ pub struct BoundingSphere {
 }
 
 impl BoundingSphere {
-    /// The frame of a set of points.
+    /// The bounding sphere of a set of points.
     pub fn around(positions: &[Vec3]) -> Self {
         let (low, high) = bounds(positions);
         let centre = (low + high) * 0.5;

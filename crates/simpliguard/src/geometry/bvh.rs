@@ -12,21 +12,23 @@ use obvhs::bvh2::builder::build_bvh2_from_tris;
 use obvhs::ray::{Ray, RayHit};
 use obvhs::triangle::Triangle;
 
-/// Deepest hierarchy the closest-point stack holds. PLOC trees of a million triangles stay below 64.
+use super::triangle::{closest_point, ray_distance};
+
+/// Depth of the stack of the closest-point query. PLOC trees of a million triangles stay below 64.
 const STACK: usize = 192;
 
-/// A bounding volume hierarchy over triangles that it owns.
+/// A bounding volume hierarchy over its own copy of the triangles.
 pub struct Bvh {
     tree: Bvh2,
     corners: Vec<[Vec3A; 3]>,
 }
 
-/// Where a query met the triangles.
+/// The point at which a query meets the triangles.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Hit {
     /// Index of the triangle.
     pub triangle: u32,
-    /// Along the ray in units of its direction, or from the query point in metres.
+    /// Distance along the ray in units of its direction, or from the query point in metres.
     pub distance: f32,
     /// The point on the triangle.
     pub point: Vec3,
@@ -54,7 +56,7 @@ impl Bvh {
         self.closest_where(point, max_distance, |_| true)
     }
 
-    /// As [`Self::closest`], seeing only triangles for which `accept` holds.
+    /// As [`Self::closest`], among the triangles that `accept` admits.
     pub fn closest_where(&self, point: Vec3, max_distance: f32, accept: impl Fn(u32) -> bool) -> Option<Hit> {
         if self.corners.is_empty() {
             return None;
@@ -80,7 +82,7 @@ impl Bvh {
                     }
                     let q = closest_point(p, &self.corners[triangle as usize]);
                     let d = (q - p).length_squared();
-                    // Equal distances go to the lower index: the answer does not depend on the tree.
+                    // Of equal distances the lower index wins, so the answer does not depend on the tree.
                     if d < best || (d == best && found.is_none_or(|(t, _)| triangle < t)) {
                         best = d;
                         found = Some((triangle, q));
@@ -100,12 +102,12 @@ impl Bvh {
         found.map(|(triangle, q)| Hit { triangle, distance: best.sqrt(), point: q.into() })
     }
 
-    /// The first triangle a ray meets, `distance` in units of `direction`, between 0 and `max_distance`.
+    /// The first triangle that a ray meets between 0 and `max_distance`, in units of `direction`.
     pub fn cast(&self, origin: Vec3, direction: Vec3, max_distance: f32) -> Option<Hit> {
         self.cast_where(origin, direction, max_distance, |_, _| true)
     }
 
-    /// As [`Self::cast`], seeing only triangles for which `accept(triangle, point)` holds.
+    /// As [`Self::cast`], among the triangles that `accept(triangle, point)` admits.
     pub fn cast_where(
         &self,
         origin: Vec3,
@@ -121,7 +123,7 @@ impl Bvh {
         let ray = Ray::new(outward(o), outward(d), 0.0, max_distance);
         let met = self.tree.ray_traverse(ray, &mut hit, |ray, i| {
             let triangle = self.tree.primitive_indices[i];
-            match intersect(o, d, &self.corners[triangle as usize]) {
+            match ray_distance(o, d, &self.corners[triangle as usize]) {
                 Some(t) if t > 0.0 && t < ray.tmax && accept(triangle, origin + direction * t) => t,
                 _ => f32::INFINITY,
             }
@@ -133,12 +135,12 @@ impl Bvh {
         })
     }
 
-    /// Whether a ray meets anything between 0 and `max_distance`.
+    /// True if a ray meets a triangle between 0 and `max_distance`, in units of `direction`.
     pub fn occluded(&self, origin: Vec3, direction: Vec3, max_distance: f32) -> bool {
         self.occluded_where(origin, direction, max_distance, |_| true)
     }
 
-    /// As [`Self::occluded`], by triangles for which `accept(triangle)` holds.
+    /// As [`Self::occluded`], among the triangles that `accept` admits.
     pub fn occluded_where(
         &self,
         origin: Vec3,
@@ -153,7 +155,7 @@ impl Bvh {
         let ray = Ray::new(outward(o), outward(d), 0.0, max_distance);
         !self.tree.ray_traverse_miss(ray, |_, i| {
             let triangle = self.tree.primitive_indices[i];
-            let met = intersect(o, d, &self.corners[triangle as usize]).filter(|&t| t > 0.0 && accept(triangle));
+            let met = ray_distance(o, d, &self.corners[triangle as usize]).filter(|&t| t > 0.0 && accept(triangle));
             met.unwrap_or(f32::INFINITY)
         })
     }
@@ -163,70 +165,6 @@ impl Bvh {
         let (low, high) = (inward(aabb.min), inward(aabb.max));
         (p.clamp(low, high) - p).length_squared()
     }
-}
-
-/// The point of a triangle nearest to `p` (Ericson 2005, 5.1.5). Degenerate triangles give a point of one of their edges.
-pub fn closest_point(p: Vec3A, &[a, b, c]: &[Vec3A; 3]) -> Vec3A {
-    let (ab, ac, ap) = (b - a, c - a, p - a);
-    let (d1, d2) = (ab.dot(ap), ac.dot(ap));
-    if d1 <= 0.0 && d2 <= 0.0 {
-        return a;
-    }
-    let bp = p - b;
-    let (d3, d4) = (ab.dot(bp), ac.dot(bp));
-    if d3 >= 0.0 && d4 <= d3 {
-        return b;
-    }
-    let vc = d1 * d4 - d3 * d2;
-    if vc <= 0.0 && d1 >= 0.0 && d3 <= 0.0 && d1 > d3 {
-        return a + ab * (d1 / (d1 - d3));
-    }
-    let cp = p - c;
-    let (d5, d6) = (ab.dot(cp), ac.dot(cp));
-    if d6 >= 0.0 && d5 <= d6 {
-        return c;
-    }
-    let vb = d5 * d2 - d1 * d6;
-    if vb <= 0.0 && d2 >= 0.0 && d6 <= 0.0 && d2 > d6 {
-        return a + ac * (d2 / (d2 - d6));
-    }
-    let va = d3 * d6 - d5 * d4;
-    if va <= 0.0 && d4 - d3 >= 0.0 && d5 - d6 >= 0.0 && (d4 - d3) + (d5 - d6) > 0.0 {
-        return b + (c - b) * ((d4 - d3) / ((d4 - d3) + (d5 - d6)));
-    }
-    let sum = va + vb + vc;
-    if sum.abs() < 1e-30 { a } else { a + ab * (vb / sum) + ac * (vc / sum) }
-}
-
-/// Barycentric coordinates of a point in the plane of a triangle; thirds for a triangle without area.
-pub fn barycentric(p: Vec3, [a, b, c]: [Vec3; 3]) -> [f32; 3] {
-    let n = (b - a).cross(c - a);
-    let area = n.length_squared();
-    if area <= f32::MIN_POSITIVE {
-        return [1.0 / 3.0; 3];
-    }
-    let u = (c - b).cross(p - b).dot(n) / area;
-    let v = (a - c).cross(p - c).dot(n) / area;
-    [u, v, 1.0 - u - v]
-}
-
-/// Distance along a ray to a triangle (Möller and Trumbore 1997), from either side.
-fn intersect(o: Vec3A, d: Vec3A, &[a, b, c]: &[Vec3A; 3]) -> Option<f32> {
-    let (e1, e2) = (b - a, c - a);
-    let p = d.cross(e2);
-    let det = e1.dot(p);
-    if det == 0.0 {
-        return None;
-    }
-    let inv = 1.0 / det;
-    let s = o - a;
-    let u = s.dot(p) * inv;
-    let q = s.cross(e1);
-    let v = d.dot(q) * inv;
-    if !(u >= 0.0 && v >= 0.0 && u + v <= 1.0) {
-        return None;
-    }
-    Some(e2.dot(q) * inv)
 }
 
 fn outward(v: Vec3A) -> obvhs_glam::Vec3A {
@@ -253,19 +191,6 @@ mod tests {
         assert_eq!(at(Vec3::new(3.0, 0.5, 0.0)), Some((Vec3::new(1.0, 0.5, 0.0), 2.0)));
         assert_eq!(at(Vec3::new(-3.0, -4.0, 0.0)), Some((Vec3::ZERO, 5.0)));
         assert_eq!(bvh.closest(Vec3::new(0.0, 0.0, 2.0), 1.0), None);
-    }
-
-    #[test]
-    fn a_triangle_that_is_an_edge_has_a_closest_point() {
-        let triangle = [Vec3A::ONE, Vec3A::ONE, Vec3A::ZERO];
-        for (p, closest) in
-            [(Vec3A::ZERO, Vec3A::ZERO), (2.0 * Vec3A::ONE, Vec3A::ONE), (Vec3A::X * 1.5, Vec3A::splat(0.5))]
-        {
-            for turn in 0..3 {
-                let turned = [0, 1, 2].map(|k| triangle[(k + turn) % 3]);
-                assert!(closest_point(p, &turned).distance(closest) < 1e-6, "{p} {turn}");
-            }
-        }
     }
 
     #[test]

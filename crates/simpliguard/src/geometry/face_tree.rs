@@ -1,22 +1,26 @@
-//! A hierarchy of boxes over triangles that move one at a time.
+//! A bounding box hierarchy over triangles that move one at a time.
 //!
-//! Triangles are put in Morton order once; the tree over that order is complete and implicit (node `i` has the children
-//! `2 i` and `2 i + 1`), so moving a triangle refits one path to the root.
+//! The triangles are sorted once by the Morton codes of their centres. The tree over that order is complete and
+//! implicit: node `i` has the children `2 i` and `2 i + 1`. Moving a triangle refits one path to the root.
 
 use glam::DVec3;
 
-/// Triangles' boxes.
+/// A bounding box hierarchy over triangles.
 #[derive(Clone)]
 pub(crate) struct FaceTree {
-    /// Lower and upper corners; the leaves are the second half, the root is node 1.
+    /// The box of each node; the leaves are the second half, the root is node 1.
     boxes: Vec<Box3>,
-    /// Triangle of each leaf, or [`NONE`].
+    /// Triangle of each leaf, or [`NO_TRIANGLE`].
     triangles: Vec<u32>,
-    /// Leaf of each triangle, or [`NONE`].
+    /// Leaf of each triangle, or [`NO_LEAF`].
     leaves: Vec<u32>,
 }
 
-const NONE: u32 = u32::MAX;
+/// The triangle of an empty leaf.
+const NO_TRIANGLE: u32 = u32::MAX;
+
+/// The leaf of a triangle that the tree does not hold.
+const NO_LEAF: u32 = u32::MAX;
 
 /// An axis-aligned box.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -26,23 +30,27 @@ pub(crate) struct Box3 {
 }
 
 impl Box3 {
+    /// A box that overlaps no other and adds nothing to a union.
     const EMPTY: Self = Self { low: DVec3::INFINITY, high: DVec3::NEG_INFINITY };
 
+    /// The bounding box of points.
     pub(crate) fn around(points: &[DVec3]) -> Self {
         points.iter().fold(Self::EMPTY, |b, &p| Self { low: b.low.min(p), high: b.high.max(p) })
     }
 
+    /// The bounding box of both boxes.
     pub(crate) fn joined(self, other: Self) -> Self {
         Self { low: self.low.min(other.low), high: self.high.max(other.high) }
     }
 
+    /// True if the boxes overlap or touch.
     pub(crate) fn meets(&self, other: &Self) -> bool {
         self.low.cmple(other.high).all() && other.low.cmple(self.high).all()
     }
 }
 
 impl FaceTree {
-    /// Over the triangles with their corners; `capacity` is one more than the highest of them.
+    /// The tree over triangles, given by index and corners; every index lies below `capacity`.
     pub(crate) fn new(capacity: usize, faces: impl Iterator<Item = (u32, [DVec3; 3])>) -> Self {
         let mut items: Vec<(u64, u32, Box3)> = faces.map(|(f, corners)| (0, f, Box3::around(&corners))).collect();
         let all = items.iter().fold(Box3::EMPTY, |b, i| b.joined(i.2));
@@ -52,8 +60,11 @@ impl FaceTree {
         }
         items.sort_unstable_by_key(|i| (i.0, i.1));
         let half = items.len().next_power_of_two().max(1);
-        let mut out =
-            Self { boxes: vec![Box3::EMPTY; 2 * half], triangles: vec![NONE; half], leaves: vec![NONE; capacity] };
+        let mut out = Self {
+            boxes: vec![Box3::EMPTY; 2 * half],
+            triangles: vec![NO_TRIANGLE; half],
+            leaves: vec![NO_LEAF; capacity],
+        };
         for (leaf, (_, f, b)) in items.into_iter().enumerate() {
             out.triangles[leaf] = f;
             out.leaves[f as usize] = leaf as u32;
@@ -70,14 +81,14 @@ impl FaceTree {
         self.put(triangle, Box3::around(corners));
     }
 
-    /// Takes a triangle out.
+    /// Removes a triangle.
     pub(crate) fn remove(&mut self, triangle: u32) {
         self.put(triangle, Box3::EMPTY);
     }
 
     fn put(&mut self, triangle: u32, b: Box3) {
         let leaf = self.leaves[triangle as usize];
-        if leaf == NONE {
+        if leaf == NO_LEAF {
             return;
         }
         let mut node = self.triangles.len() + leaf as usize;
@@ -92,9 +103,9 @@ impl FaceTree {
         }
     }
 
-    /// Visits the triangles whose boxes meet `range`, until `visit` returns true; whether it did.
+    /// True if `visit` returns true for a triangle whose box overlaps `range`; the first such triangle ends the search.
     pub(crate) fn any(&self, range: &Box3, mut visit: impl FnMut(u32) -> bool) -> bool {
-        // Depth first over a complete tree: at most one waiting node per level.
+        // Depth first over a complete tree: at most one node waits on each level.
         let mut waiting = [0usize; 40];
         let mut depth = 1;
         waiting[0] = 1;
@@ -121,7 +132,7 @@ impl FaceTree {
     }
 }
 
-/// Interleaves 21 bits of each coordinate, which lie in 0 to 1.
+/// The Morton code of a point of the unit cube, 21 bits for each coordinate.
 fn morton(p: DVec3) -> u64 {
     let spread = |x: f64| {
         let mut v = (x.clamp(0.0, 1.0) * 2_097_151.0) as u64;

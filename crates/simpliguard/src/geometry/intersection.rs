@@ -1,16 +1,18 @@
-//! Where a mesh passes through itself.
+//! Self-intersections of a mesh.
 
 use glam::{DVec2, DVec3, Vec3Swizzles as _};
 use rayon::prelude::*;
 
 use super::face_tree::{Box3, FaceTree};
+use super::triangle::{area_vector, doubled_area};
 use crate::data::TriMesh;
 
-/// Distance from a plane, as a part of a triangle's extent, below which a corner lies in it.
+/// Distance from a plane, as a fraction of a triangle's extent, below which a corner lies in the plane.
 const FLAT: f64 = 1e-9;
 
-/// Pairs of triangles that pass through each other, the lower index first, in order. Triangles that share an edge do not
-/// count, those that share a corner count if they meet elsewhere too; corners in one place are shared.
+/// Pairs of triangles that intersect each other, the lower index first, in rising order. Triangles that share an edge
+/// do not count. Triangles that share a corner count if they meet elsewhere too. Corners with equal positions are
+/// shared.
 pub(crate) fn intersecting_pairs(mesh: &TriMesh) -> Vec<(u32, u32)> {
     let corners: Vec<[DVec3; 3]> = (0..mesh.triangles.len()).map(|t| mesh.corners(t).map(|p| p.as_dvec3())).collect();
     let tree = FaceTree::new(corners.len(), (0..).zip(corners.iter().copied()));
@@ -32,8 +34,8 @@ pub(crate) fn intersecting_pairs(mesh: &TriMesh) -> Vec<(u32, u32)> {
         .collect()
 }
 
-/// For each triangle whether it passes through another one. Triangles that share an edge do not count, those that share a
-/// corner count if they meet elsewhere too; corners in one place are shared.
+/// Flags of the triangles that intersect another one. Triangles that share an edge do not count. Triangles that share a
+/// corner count if they meet elsewhere too. Corners with equal positions are shared.
 pub fn self_intersecting(mesh: &TriMesh) -> Vec<bool> {
     let mut found = vec![false; mesh.triangles.len()];
     for (a, b) in intersecting_pairs(mesh) {
@@ -43,7 +45,7 @@ pub fn self_intersecting(mesh: &TriMesh) -> Vec<bool> {
     found
 }
 
-/// Whether two triangles pass through each other, in the sense of [`intersecting_pairs`].
+/// True if two triangles intersect each other, in the sense of [`intersecting_pairs`].
 pub(crate) fn intersect(a: &[DVec3; 3], b: &[DVec3; 3]) -> bool {
     let mut shared = [(0, 0); 3];
     let mut count = 0;
@@ -57,16 +59,17 @@ pub(crate) fn intersect(a: &[DVec3; 3], b: &[DVec3; 3]) -> bool {
         0 => separate_triangles_meet(a, b),
         1 => {
             let (i, j) = shared[0];
-            // They meet along a ray from the shared corner; where the shorter part ends, a far edge passes the other.
+            // They meet along a ray from the shared corner. Where the shorter of both pieces of that ray ends, the edge
+            // opposite the corner crosses the other triangle.
             crosses([a[(i + 1) % 3], a[(i + 2) % 3]], b) || crosses([b[(j + 1) % 3], b[(j + 2) % 3]], a)
         }
         _ => false,
     }
 }
 
-/// Triangles without a common corner: Möller 1997, intervals on the line in which their planes meet.
+/// The test for triangles without a common corner: intervals on the line in which their planes meet (Möller 1997).
 fn separate_triangles_meet(a: &[DVec3; 3], b: &[DVec3; 3]) -> bool {
-    let (na, nb) = (normal(a), normal(b));
+    let (na, nb) = (area_vector(a), area_vector(b));
     let (db, da) = (heights(b, a[0], na), heights(a, b[0], nb));
     if one_sided(db) || one_sided(da) {
         return false;
@@ -85,7 +88,7 @@ fn separate_triangles_meet(a: &[DVec3; 3], b: &[DVec3; 3]) -> bool {
     }
 }
 
-/// Where a triangle with corner heights `d` over a plane meets that plane, along `axis`.
+/// The interval along `axis` in which a triangle meets a plane, given the heights `d` of its corners over that plane.
 fn interval(corners: &[DVec3; 3], d: [f64; 3], axis: DVec3) -> Option<(f64, f64)> {
     let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
     for k in 0..3 {
@@ -103,7 +106,7 @@ fn interval(corners: &[DVec3; 3], d: [f64; 3], axis: DVec3) -> Option<(f64, f64)
     (low <= high).then_some((low, high))
 }
 
-/// Heights of corners over a plane, exactly zero within rounding.
+/// Heights of corners over a plane, times the length of its normal; zero where only rounding differs from zero.
 fn heights(corners: &[DVec3; 3], origin: DVec3, normal: DVec3) -> [f64; 3] {
     let reach = corners.iter().map(|p| (*p - origin).length_squared()).fold(0.0, f64::max).sqrt();
     let flat = FLAT * reach * normal.length();
@@ -114,13 +117,9 @@ fn one_sided(d: [f64; 3]) -> bool {
     d.iter().all(|d| *d > 0.0) || d.iter().all(|d| *d < 0.0)
 }
 
-fn normal(corners: &[DVec3; 3]) -> DVec3 {
-    (corners[1] - corners[0]).cross(corners[2] - corners[0])
-}
-
-/// Whether a segment passes through a triangle's inside.
+/// True if a segment crosses the interior of a triangle.
 fn crosses([p, q]: [DVec3; 2], triangle: &[DVec3; 3]) -> bool {
-    let n = normal(triangle);
+    let n = area_vector(triangle);
     let (dp, dq) = ((p - triangle[0]).dot(n), (q - triangle[0]).dot(n));
     let flat = FLAT * n.length() * (p - triangle[0]).length().max((q - triangle[0]).length());
     if dp * dq >= 0.0 || dp.abs() <= flat || dq.abs() <= flat {
@@ -132,7 +131,8 @@ fn crosses([p, q]: [DVec3; 2], triangle: &[DVec3; 3]) -> bool {
     (0..3).all(|k| inside(k) > least)
 }
 
-/// Triangles in one plane: an edge of one crosses an edge of the other, or one holds a corner of the other.
+/// The test for triangles in one plane: an edge of one crosses an edge of the other, or one holds a corner of the
+/// other.
 fn coplanar_triangles_meet(a: &[DVec3; 3], b: &[DVec3; 3], n: DVec3) -> bool {
     let n = n.abs();
     let flat = |p: DVec3| match (n.x >= n.y && n.x >= n.z, n.y >= n.z) {
@@ -141,7 +141,7 @@ fn coplanar_triangles_meet(a: &[DVec3; 3], b: &[DVec3; 3], n: DVec3) -> bool {
         _ => p.xy(),
     };
     let (a, b) = (a.map(flat), b.map(flat));
-    let side = |p: DVec2, q: DVec2, r: DVec2| (q - p).perp_dot(r - p);
+    let side = |p: DVec2, q: DVec2, r: DVec2| doubled_area(&[p, q, r]);
     let cross = |i: usize, j: usize| {
         let ([p, q], [r, s]) = ([a[i], a[(i + 1) % 3]], [b[j], b[(j + 1) % 3]]);
         side(p, q, r) * side(p, q, s) < 0.0 && side(r, s, p) * side(r, s, q) < 0.0

@@ -1,4 +1,4 @@
-//! Nearest points among many.
+//! The nearest of many points.
 
 use std::ops::Range;
 
@@ -7,16 +7,17 @@ use glam::Vec3;
 /// Points per leaf.
 const LEAF: usize = 8;
 
-/// A balanced k-d tree: a permutation of the points in which each range splits at its middle along the axis of its
+/// A balanced k-d tree: a permutation of the points. Each range of it is split at its middle, along the axis of its
 /// largest extent.
 pub(crate) struct KdTree<'a> {
     points: &'a [Vec3],
     order: Vec<u32>,
-    /// Axis and place of the plane that splits each range, at the range's middle.
+    /// Axis and coordinate of the plane that splits each range, stored at the range's middle.
     planes: Vec<(u8, f32)>,
 }
 
 impl<'a> KdTree<'a> {
+    /// The tree over `points`.
     pub(crate) fn new(points: &'a [Vec3]) -> Self {
         let mut order: Vec<u32> = (0..points.len() as u32).collect();
         let mut planes = vec![(0, 0.0); points.len()];
@@ -24,8 +25,8 @@ impl<'a> KdTree<'a> {
         Self { points, order, planes }
     }
 
-    /// The `k` points nearest to `at`, or all if there are fewer, ascending by distance in metres; of equally distant
-    /// ones the lower index.
+    /// Distance in metres and index of the `k` points nearest to `at`, or of all if there are fewer; nearest first, of
+    /// equally distant points the lower index first.
     pub(crate) fn nearest(&self, at: Vec3, k: usize) -> Vec<(f32, u32)> {
         let mut best = Vec::with_capacity(k.min(self.points.len()) + 1);
         self.visit(0..self.order.len(), at, k, &mut best);

@@ -1,13 +1,13 @@
-//! Random numbers that are the same everywhere.
+//! Random numbers that are the same on every machine.
 
 use glam::Quat;
 
-/// A small generator for jitter that must be the same everywhere (xorshift64*, Vigna 2016).
+/// A small generator whose sequence is the same on every machine (xorshift64*, Vigna 2016).
 #[derive(Clone, Debug)]
 pub struct Random(u64);
 
 impl Random {
-    /// Any seed will do.
+    /// A generator; every seed is allowed.
     pub fn new(seed: u64) -> Self {
         Self(seed ^ 0x9E37_79B9_7F4A_7C15)
     }
@@ -23,12 +23,12 @@ impl Random {
         self.0.wrapping_mul(0x2545_F491_4F6C_DD1D)
     }
 
-    /// Uniform in [0, 1).
+    /// A number, uniform in `[0, 1)`.
     pub fn unit(&mut self) -> f32 {
         (self.bits() >> 40) as f32 / (1u64 << 24) as f32
     }
 
-    /// Uniform over the unit quaternions (Shoemake 1992).
+    /// A rotation, uniform over the unit quaternions (Shoemake 1992).
     pub fn rotation(&mut self) -> Quat {
         let (u, a, b) = (self.unit(), self.unit() * std::f32::consts::TAU, self.unit() * std::f32::consts::TAU);
         let (r, s) = ((1.0 - u).sqrt(), u.sqrt());

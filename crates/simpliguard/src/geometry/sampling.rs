@@ -1,4 +1,4 @@
-//! Directions and points spread evenly.
+//! Evenly spread directions.
 
 use glam::Vec3;
 

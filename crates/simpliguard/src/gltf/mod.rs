@@ -1,11 +1,12 @@
-//! glTF in and out.
+//! Reading and writing of glTF.
 
 mod export;
+mod glb;
 mod import;
 mod uris;
 
 pub(crate) use export::export_in;
-pub use export::{ExportOptions, export, export_level};
+pub use export::{ExportParams, export, export_level};
 pub(crate) use import::import_in;
-pub use import::{Limits, has_levels, import};
+pub use import::{ImportLimits, has_levels, import};
 pub use uris::external_uris;

@@ -1,4 +1,4 @@
-//! Which other files a glTF consists of, without importing it.
+//! The other files of a glTF, found without an import.
 //!
 //! Only the JSON is read: a cache key needs the bytes of every file, but none of the geometry.
 
@@ -6,16 +6,15 @@ use std::collections::BTreeSet;
 
 use serde::Deserialize;
 
+use super::glb::{CHUNK_HEADER_BYTES, HEADER_BYTES, JSON_CHUNK, MAGIC, UTF8_BOM, VERSION, u32_at};
 use crate::{Error, RelativeUri, StageId};
 
-const GLB_MAGIC: &[u8] = b"glTF";
-/// Magic, version and length of the file; then length and kind of the first chunk.
-const GLB_HEADERS: usize = 20;
-const UTF8_BOM: &[u8] = b"\xef\xbb\xbf";
+/// Bytes of binary glTF before the JSON.
+const GLB_HEADERS: usize = HEADER_BYTES + CHUNK_HEADER_BYTES;
 
 /// The external files of a `.glb` or `.gltf`: buffers, then images, each once, in the order of the document. `data:`
-/// URIs are no files; URIs that break the rules of [`RelativeUri`] are left out here, as nothing may be read through
-/// them, and are reported by the import.
+/// URIs are no files. URIs that break the rules of [`RelativeUri`] are left out, since nothing may be read through
+/// them; the import reports them.
 ///
 /// # Errors
 /// [`Error::Invalid`] if there is no JSON to read.
@@ -43,7 +42,7 @@ struct File {
 
 /// The JSON chunk of a binary glTF, or the whole file.
 fn json<'a>(asset: &str, bytes: &'a [u8]) -> Result<&'a [u8], Error> {
-    if !bytes.starts_with(GLB_MAGIC) {
+    if !bytes.starts_with(MAGIC) {
         let text = bytes.strip_prefix(UTF8_BOM).unwrap_or(bytes);
         return match text.trim_ascii_start().first() {
             Some(b'{') => Ok(text),
@@ -53,17 +52,18 @@ fn json<'a>(asset: &str, bytes: &'a [u8]) -> Result<&'a [u8], Error> {
     }
     let truncated = |needed: usize| {
         let found = format!("the file ends after {} of at least {needed} bytes", bytes.len());
-        invalid(asset, found, "it was cut off; copy or export it again")
+        invalid(asset, found, "copy or export it again")
     };
-    let header = bytes.get(..GLB_HEADERS).ok_or_else(|| truncated(GLB_HEADERS))?;
-    let word = |at: usize| u32::from_le_bytes([header[at], header[at + 1], header[at + 2], header[at + 3]]);
-    if word(4) != 2 {
-        return Err(invalid(asset, format!("it is glTF version {}", word(4)), "export it as glTF 2.0"));
+    let (Some(version), Some(length), Some(kind)) = (u32_at(bytes, 4), u32_at(bytes, 12), u32_at(bytes, 16)) else {
+        return Err(truncated(GLB_HEADERS));
+    };
+    if version != VERSION {
+        return Err(invalid(asset, format!("it is glTF version {version}"), "export it as glTF 2.0"));
     }
-    if &header[16..20] != b"JSON" {
+    if kind != JSON_CHUNK {
         return Err(invalid(asset, "its first chunk is not JSON", "export it again"));
     }
-    let end = (word(12) as usize).saturating_add(GLB_HEADERS);
+    let end = (length as usize).saturating_add(GLB_HEADERS);
     bytes.get(GLB_HEADERS..end).ok_or_else(|| truncated(end))
 }
 

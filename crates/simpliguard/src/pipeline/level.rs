@@ -13,6 +13,7 @@ use super::store::{atlas_key, vertices_key, warm_start_key};
 use super::views::Views;
 use crate::animation::Motions;
 use crate::data::{Atlas, Candidate, Influences, Level, TriMesh};
+use crate::geometry::Topology;
 use crate::refine::{self, LowPoly, RefineParams, Refined, Skin, TexelGrid, TextureFit, ViewTarget};
 use crate::render::SurfaceSample;
 use crate::settings::JointPlanes;
@@ -96,13 +97,18 @@ struct Finished {
 impl LevelMaker<'_> {
     fn make(&self) -> Result<(Level, LevelReport), Error> {
         let atlas = self.unwrap()?;
+        self.run.validate(StageId::Unwrap, || atlas.validate(self.shape.mesh.triangles.len()));
         let influences = self.skin()?;
+        self.run.validate(StageId::Skinning, || influences.iter().try_for_each(Influences::validate));
         let vertices = match self.initial_texture(&atlas, &influences)? {
             Some(textured) => self.refine(textured, influences)?,
             None => self.unmoved(&atlas, influences),
         };
+        self.run.validate(StageId::Refine, || Topology::validate_manifold(&vertices.low.mesh()));
         let (vertices, atlas) = self.split_at_joints(vertices, atlas);
-        self.finish(vertices, &atlas)
+        let (level, report) = self.finish(vertices, &atlas)?;
+        self.run.validate(StageId::Maps, || level.validate());
+        Ok((level, report))
     }
 
     /// Charts and texture coordinates, denser where more is seen.
@@ -156,7 +162,7 @@ impl LevelMaker<'_> {
     /// Moves the vertices by differentiable rendering, and the joint weights with them.
     fn refine(&self, textured: Textured, influences: Vec<Influences>) -> Result<Vertices, Error> {
         let Textured { mut low, fit } = textured;
-        let key = self.all.shapes.key.map(|shapes| vertices_key(&shapes, &self.level, self.budget));
+        let key = self.all.shapes.key.map(|shapes| vertices_key(&shapes, &self.params, self.budget));
         let (positions, (influences, refined)) = self.run.stored(StageId::Refine, key, || {
             let moved = self.move_vertices(low.clone(), fit, influences);
             if let Some(key) = self.run.key(|| warm_start_key(&self.shape.mesh)) {
@@ -263,7 +269,8 @@ impl LevelMaker<'_> {
             level: self.number as u32,
             budget: self.budget,
             faces,
-            stopped: (f64::from(faces) < FULL_BUDGET * f64::from(self.budget)).then(|| self.shape.shortfall.to_string()),
+            stopped: (f64::from(faces) < FULL_BUDGET * f64::from(self.budget))
+                .then(|| self.shape.shortfall.to_string()),
             candidate: self.shape.candidate.to_string(),
             error: deviation.percentile_95,
             deviation,
@@ -289,8 +296,7 @@ impl LevelMaker<'_> {
             false => Vec::new(),
         };
         let mesh = texture::level_mesh(&mesh, atlas, &influences, &morphs, channels.normal);
-        let (textures, statistics) =
-            texture::pbr_maps(&mesh, &texture.texels, &samples, &low.texture.texels, channels);
+        let (textures, statistics) = texture::pbr_maps(&mesh, &texture.texels, &samples, &low.texture.texels, channels);
         let material = texture::level_material(&statistics, cut_out, low.double_sided, unlit);
         let own_joints = self.params.skinning.bone_faces > 0.0;
         Level { budget: self.budget, error, mesh, own_joints, material, textures }

@@ -83,8 +83,14 @@ mod tests {
         meter.begin(StageId::Export, None);
         meter.finish();
         let [simplify, unwrap, refine] = [StageId::Simplify, StageId::Unwrap, StageId::Refine].map(Stage::begins_at);
-        let expected =
-            [simplify, simplify, (refine + simplify) / 2.0, (refine + unwrap) / 2.0, Stage::begins_at(StageId::Export), 1.0];
+        let expected = [
+            simplify,
+            simplify,
+            (refine + simplify) / 2.0,
+            (refine + unwrap) / 2.0,
+            Stage::begins_at(StageId::Export),
+            1.0,
+        ];
         assert_eq!(*sink.0.lock().expect("not poisoned"), expected);
     }
 }

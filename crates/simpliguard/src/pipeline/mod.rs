@@ -72,7 +72,8 @@ pub fn bake(source: &Source<'_>, settings: &BakeSettings, context: &Context<'_>)
     preview::show(&prepared, &views, &params, &shapes, &run)?;
     views.complete(&shapes, &params, &run);
     // Unwrap, skinning, texture, refine and maps.
-    let levels = Levels { source: &prepared, views: &views, params: &params, shapes: &shapes, warm_start: false, run: &run };
+    let levels =
+        Levels { source: &prepared, views: &views, params: &params, shapes: &shapes, warm_start: false, run: &run };
     let (levels, reports) = levels.make()?;
     let glb = export::export(&model, &levels, &params, &run)?;
     run.finish();

@@ -119,10 +119,7 @@ impl Params {
     pub fn new(settings: &BakeSettings) -> Self {
         let faces = || settings.faces.iter().map(|&n| Target::Faces(n)).collect();
         Self {
-            import: ImportParams {
-                enabled: settings.enabled,
-                keep_lods: settings.existing_lods == ExistingLods::Keep,
-            },
+            import: ImportParams { enabled: settings.enabled, keep_lods: settings.existing_lods == ExistingLods::Keep },
             targets: if settings.targets.is_empty() { faces() } else { settings.targets.clone() },
             views: ViewParams { count: settings.views, size: settings.view_size, poses: settings.poses },
             candidates: candidates(settings),
@@ -256,6 +253,8 @@ fn refine(settings: &BakeSettings) -> RefinementParams {
             steps: settings.refine_steps,
             coarse: settings.coarse_steps,
             step_length: settings.step_length,
+            // The texture decides on its fit.
+            texture: None,
             gradient_weight: settings.gradient_weight,
             laplacian_weight: settings.laplacian_weight,
             distance_weight: settings.distance_weight,
@@ -297,21 +296,50 @@ mod tests {
     fn every_setting_changes_a_parameter() {
         let base = Params::new(&BakeSettings::default());
         for (name, value) in [
-            ("enabled", "false"), ("faces", "9"), ("targets", "ratio:0.5"), ("existing_lods", "replace"),
-            ("source", "drop"), ("resolution", "64"), ("finest_resolution", "512"), ("candidates", "source"),
-            ("remove_invisible", "false"), ("visible_weight", "0.5"), ("curvature", "1"), ("importance", "a:2"),
-            ("painted_importance", "2"), ("watertight", "true"), ("skin_transfer", "nearest-vertices"),
-            ("bone_faces", "3"), ("morph_targets", "drop"), ("joint_planes", "before-unwrap"), ("joint_delta", "0.2"),
-            ("poses", "7"), ("texture_size", "64"), ("texture_format", "jpeg-90"), ("gutter", "2"),
-            ("normal_map", "false"), ("views", "9"), ("view_size", "256"), ("refine", "false"), ("refine_steps", "9"),
-            ("coarse_steps", "0.5"), ("coarse_views", "9"), ("refine_weights", "false"), ("initial_texture", "grey"),
-            ("texture_solver", "adam"), ("texture_smoothness", "0.5"), ("gradient_weight", "0.1"),
-            ("laplacian_weight", "0.5"), ("distance_weight", "0.5"), ("normal_weight", "0.5"), ("step_length", "0.05"),
+            ("enabled", "false"),
+            ("faces", "9"),
+            ("targets", "ratio:0.5"),
+            ("existing_lods", "replace"),
+            ("source", "drop"),
+            ("resolution", "64"),
+            ("finest_resolution", "512"),
+            ("candidates", "source"),
+            ("remove_invisible", "false"),
+            ("visible_weight", "0.5"),
+            ("curvature", "1"),
+            ("importance", "a:2"),
+            ("painted_importance", "2"),
+            ("watertight", "true"),
+            ("skin_transfer", "nearest-vertices"),
+            ("bone_faces", "3"),
+            ("morph_targets", "drop"),
+            ("joint_planes", "before-unwrap"),
+            ("joint_delta", "0.2"),
+            ("poses", "7"),
+            ("texture_size", "64"),
+            ("texture_format", "jpeg-90"),
+            ("gutter", "2"),
+            ("normal_map", "false"),
+            ("views", "9"),
+            ("view_size", "256"),
+            ("refine", "false"),
+            ("refine_steps", "9"),
+            ("coarse_steps", "0.5"),
+            ("coarse_views", "9"),
+            ("refine_weights", "false"),
+            ("initial_texture", "grey"),
+            ("texture_solver", "adam"),
+            ("texture_smoothness", "0.5"),
+            ("gradient_weight", "0.1"),
+            ("laplacian_weight", "0.5"),
+            ("distance_weight", "0.5"),
+            ("normal_weight", "0.5"),
+            ("step_length", "0.05"),
         ] {
             let mut overrides = crate::settings::BakeOverrides::default();
             overrides.set(name, value).expect(name);
             let layer = crate::settings::Layer { origin: crate::settings::Origin::CommandLine, overrides };
-            let changed = crate::settings::resolve(vec![layer]).settings;
+            let changed = crate::settings::resolve(vec![layer]).expect(name).settings;
             assert_ne!(Params::new(&changed), base, "{name}");
         }
     }

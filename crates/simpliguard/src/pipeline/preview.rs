@@ -1,12 +1,12 @@
 //! Levels that are shown while better ones are made.
 
+use super::export;
 use super::level::Levels;
 use super::params::Params;
 use super::runner::Runner;
 use super::shapes::{Shapes, is_refined};
 use super::source::PreparedSource;
 use super::views::Views;
-use super::export;
 use crate::Error;
 
 /// Shows levels with their initial texture, where their shapes are early and the result will be refined. Their vertices

@@ -74,6 +74,18 @@ impl<'a> Runner<'a> {
         Ok(out)
     }
 
+    /// Checks the result of a stage, in debug builds alone.
+    ///
+    /// # Panics
+    /// If the result breaks the rules of its type. That is a bug in the stage, whatever the input was.
+    pub(crate) fn validate(&self, stage: StageId, check: impl FnOnce() -> Result<(), String>) {
+        if cfg!(debug_assertions)
+            && let Err(found) = check()
+        {
+            panic!("{}: {stage}: {found}", self.asset);
+        }
+    }
+
     /// Runs a stage, unless the store holds its result under `key`. A new result is stored.
     pub(crate) fn stored<T: Stored>(
         &self,

@@ -8,6 +8,7 @@ use super::store::{candidate_key, form_key, shapes_key, vertices_key};
 use super::targets::Targets;
 use super::views::Views;
 use crate::data::Candidate;
+use crate::geometry::Topology;
 use crate::render::View;
 use crate::simplify::{self, Inputs, Shape, SimplifyParams};
 use crate::{Error, Key, StageId};
@@ -49,6 +50,9 @@ pub(super) fn find(
         || (need_half_resolution && !are_early).then(|| views.render_half_resolution(params, run)),
     );
     let shapes = shapes?;
+    for shape in &shapes {
+        run.validate(StageId::Simplify, || Topology::validate_manifold(&shape.mesh));
+    }
     views.half_resolution = half_resolution;
     let (chosen, unmet) = targets.choose(&simplify.budgets, &shapes.iter().map(|s| s.deviation).collect::<Vec<_>>());
     let levels = chosen.iter().map(|&i| (simplify.budgets[i], shapes[i].clone())).collect();

@@ -5,6 +5,7 @@ use super::runner::Runner;
 use crate::animation::Poses;
 use crate::data::{Influences, Model, Reconstruction, TriMesh};
 use crate::geometry::{BoundingSphere, Bvh};
+use crate::reconstruct::reconstruct;
 use crate::render::{SurfaceSampler, ViewParams, ViewRenderer};
 use crate::settings::JointPlanes;
 use crate::simplify::{DeviationMetric, Importance, OpaqueSurface, Tools};
@@ -91,7 +92,7 @@ pub(crate) struct StageTools<'a> {
 impl Tools for StageTools<'_> {
     fn reconstruct(&self, mesh: &TriMesh, bvh: &Bvh, params: &Reconstruction) -> TriMesh {
         let cancellation = self.run.cancellation();
-        let work = || crate::reconstruct::reconstruct(&mesh.positions, &mesh.triangles, bvh, params, cancellation);
+        let work = || reconstruct(mesh, bvh, params, cancellation);
         self.run.time(StageId::Reconstruct, work)
     }
 

@@ -1,10 +1,10 @@
-//! Inside and outside by flooding from a corner of the grid.
+//! Inside and outside, by a flood from a corner of the grid.
 
 use glam::IVec3;
 
-use super::{BRICK, Grid, NO_BRICK, local_index};
+use super::grid::{BRICK, BrickGrid, NO_BRICK, local_index};
 
-/// A place the flood has reached: one sample of a brick, or a whole brick without samples.
+/// A front element of the flood: one sample of a brick, or a whole brick without samples.
 enum Reached {
     Sample { brick: u32, sample: u16 },
     Empty { slot: u32 },
@@ -12,8 +12,8 @@ enum Reached {
 
 const NEIGHBOURS: [IVec3; 6] = [IVec3::X, IVec3::NEG_X, IVec3::Y, IVec3::NEG_Y, IVec3::Z, IVec3::NEG_Z];
 
-/// Marks every sample inside that the flood does not reach.
-pub(super) fn mark_inside(grid: &mut Grid) {
+/// Marks as inside every sample that the flood does not reach.
+pub(super) fn mark_inside(grid: &mut BrickGrid) {
     for brick in &mut grid.bricks {
         brick.inside = [u64::MAX; BRICK];
     }
@@ -40,8 +40,8 @@ pub(super) fn mark_inside(grid: &mut Grid) {
     }
 }
 
-/// Floods one sample, or the whole brick around it if that holds none.
-fn enter(grid: &mut Grid, sample: IVec3, queue: &mut Vec<Reached>) {
+/// Floods one sample, or the whole brick around it if the grid does not store that brick.
+fn enter(grid: &mut BrickGrid, sample: IVec3, queue: &mut Vec<Reached>) {
     let Some(slot) = grid.slot(sample >> IVec3::splat(3)) else { return };
     let index = grid.table[slot];
     if index == NO_BRICK {
@@ -58,8 +58,8 @@ fn enter(grid: &mut Grid, sample: IVec3, queue: &mut Vec<Reached>) {
     }
 }
 
-/// Floods the neighbour of an empty brick: all of its samples on the side they share.
-fn enter_brick(grid: &mut Grid, brick: IVec3, step: IVec3, queue: &mut Vec<Reached>) {
+/// Floods the neighbour of a brick without samples: all samples on their common side.
+fn enter_brick(grid: &mut BrickGrid, brick: IVec3, step: IVec3, queue: &mut Vec<Reached>) {
     let Some(slot) = grid.slot(brick + step) else { return };
     let base = (brick + step) * BRICK as i32;
     if grid.table[slot] == NO_BRICK {

@@ -1,52 +1,38 @@
 //! A watertight manifold around any triangle soup.
 //!
-//! 1. An unsigned distance field in a narrow band, in sparse bricks of 8 x 8 x 8 samples found by octree descent
-//!    (`field`).
-//! 2. Outside is what a flood from the corner reaches through samples farther than `offset` from the surface. Every
-//!    edge that crosses the surface has an end within half a cell of it, so with `offset` above one half nothing leaks;
-//!    holes narrower than about two offsets close (`flood`).
-//! 3. Samples are added to the inside until no 2 x 2 face and no cell is connected across a diagonal only
-//!    (well-composed sets, Latecki 1997): then the boundary is a 2-manifold and one vertex per cell is enough
-//!    (`repair`).
-//! 4. Surface nets (Gibson 1998) place one vertex per boundary cell, and each is pulled back onto the source
-//!    (`nets`).
+//! 1. Sample the unsigned distance to the source in a narrow band, in sparse bricks of 8 x 8 x 8 samples that an octree
+//!    descent finds (`field`, `grid`).
+//! 2. Flood the outside from a corner of the grid, through the samples farther than `offset` from the surface
+//!    (`flood`). Every edge of the grid that crosses the source has an end within half a cell of it, so nothing leaks
+//!    if `offset` is above one half. Holes narrower than about two offsets close.
+//! 3. Add samples to the inside until no 2 x 2 face and no cell is connected across a diagonal only (`repair`;
+//!    well-composed sets, Latecki 1997). The boundary is then a 2-manifold, and one vertex per cell is enough.
+//! 4. Place one vertex in each boundary cell (`nets`; surface nets, Gibson 1998) and pull each vertex back onto the
+//!    source (`pull`).
 //!
-//! Open sheets become slabs of twice the offset, pulled back to a tenth of a cell; solids, however thin, are pulled back
-//! almost onto their surface. Parts thinner than a cell are kept.
-//! Self-intersections after the pull are possible where two sheets lie within a cell.
+//! Open sheets become slabs of twice the offset, which are pulled back to a tenth of a cell. Solids, however thin, are
+//! pulled back almost onto their surface. Parts thinner than a cell are kept. After the pull, the mesh may be
+//! self-intersecting where two sheets lie within a cell.
 
 mod field;
 mod flood;
+mod grid;
 mod nets;
 mod pull;
 mod repair;
 mod triangle;
 
-use glam::{IVec3, Vec3, Vec3A};
-
 use crate::Cancellation;
 use crate::data::{Reconstruction, TriMesh};
 use crate::geometry::Bvh;
 
-/// Samples along the side of a brick.
-const BRICK: usize = 8;
-/// Samples of a brick.
-const BRICK_SAMPLES: usize = BRICK * BRICK * BRICK;
-/// Index of a brick that holds no samples.
-const NO_BRICK: u32 = u32::MAX;
-
-/// Wraps the triangles of `bvh`, given again as indexed positions. Empty for an empty source; unfinished if cancelled.
-pub fn reconstruct(
-    positions: &[Vec3],
-    triangles: &[[u32; 3]],
-    bvh: &Bvh,
-    params: &Reconstruction,
-    cancellation: &Cancellation,
-) -> TriMesh {
-    if triangles.is_empty() {
+/// Wraps the triangles of `mesh`, which `bvh` holds as well. The result is empty for an empty mesh and empty or
+/// unfinished if cancelled.
+pub fn reconstruct(mesh: &TriMesh, bvh: &Bvh, params: &Reconstruction, cancellation: &Cancellation) -> TriMesh {
+    if mesh.triangles.is_empty() {
         return TriMesh::default();
     }
-    let mut grid = field::build(positions, triangles, params, cancellation);
+    let mut grid = field::build(mesh, params, cancellation);
     if cancellation.is_cancelled() {
         return TriMesh::default();
     }
@@ -55,117 +41,21 @@ pub fn reconstruct(
     if cancellation.is_cancelled() {
         return TriMesh::default();
     }
-    let mut mesh = nets::extract(&grid);
-    pull::pull_back(&mut mesh, &grid, bvh, params.keep, cancellation);
-    mesh
-}
-
-/// A sparse narrow-band grid.
-struct Grid {
-    /// Bricks along a side.
-    side: i32,
-    /// Distance between samples.
-    spacing: f32,
-    /// Position of sample (0, 0, 0).
-    origin: Vec3A,
-    /// Surface level in the distance field, in cells.
-    offset: f32,
-    /// Index into `bricks` by brick coordinate, or [`NO_BRICK`].
-    table: Vec<u32>,
-    bricks: Vec<Brick>,
-    /// Whether the flood reached a brick without samples, by brick coordinate.
-    empty_outside: Vec<bool>,
-}
-
-/// 8 x 8 x 8 samples near the surface.
-struct Brick {
-    /// In bricks.
-    coordinate: IVec3,
-    /// Distance to the source in cells, x fastest; the largest number where it is too far from the surface level to matter.
-    distance: Box<[f32; BRICK_SAMPLES]>,
-    /// One bit per sample.
-    inside: [u64; BRICK],
-}
-
-impl Brick {
-    fn is_inside(&self, sample: usize) -> bool {
-        self.inside[sample >> 6] >> (sample & 63) & 1 == 1
-    }
-
-    fn set_inside(&mut self, sample: usize, inside: bool) {
-        let bit = 1 << (sample & 63);
-        if inside { self.inside[sample >> 6] |= bit } else { self.inside[sample >> 6] &= !bit }
-    }
-}
-
-impl Grid {
-    /// Index into `table` of a brick coordinate, or `None` outside the grid.
-    fn slot(&self, brick: IVec3) -> Option<usize> {
-        let within = brick.cmpge(IVec3::ZERO).all() && brick.cmplt(IVec3::splat(self.side)).all();
-        within.then(|| (brick.x + self.side * (brick.y + self.side * brick.z)) as usize)
-    }
-
-    fn brick_of(&self, sample: IVec3) -> Option<usize> {
-        let slot = self.slot(sample >> IVec3::splat(3))?;
-        let index = self.table[slot];
-        (index != NO_BRICK).then_some(index as usize)
-    }
-
-    fn is_inside(&self, sample: IVec3) -> bool {
-        let Some(slot) = self.slot(sample >> IVec3::splat(3)) else { return false };
-        match self.table[slot] {
-            NO_BRICK => !self.empty_outside[slot],
-            brick => self.bricks[brick as usize].is_inside(local_index(sample)),
-        }
-    }
-
-    /// Signed distance to the extracted surface in cells, negative inside by distance alone; at most one.
-    fn level(&self, sample: IVec3) -> f32 {
-        let brick = self.brick_of(sample);
-        brick.map_or(1.0, |b| (self.bricks[b].distance[local_index(sample)] - self.offset).min(1.0))
-    }
-
-    /// Whether the sample nearest to a place is inside.
-    fn is_inside_at(&self, place: Vec3) -> bool {
-        self.is_inside(((Vec3A::from(place) - self.origin) / self.spacing).round().as_ivec3())
-    }
-
-    /// Inside flags of a brick's samples and the first layer of the bricks after it: 9 x 9 x 9, x fastest.
-    fn inside_block(&self, brick: usize) -> [bool; 729] {
-        let base = self.bricks[brick].coordinate * BRICK as i32;
-        let mut block = [false; 729];
-        for (i, flag) in block.iter_mut().enumerate() {
-            let (x, y, z) = (i % 9, i / 9 % 9, i / 81);
-            *flag = if x < BRICK && y < BRICK && z < BRICK {
-                self.bricks[brick].is_inside(x + BRICK * (y + BRICK * z))
-            } else {
-                self.is_inside(base + IVec3::new(x as i32, y as i32, z as i32))
-            };
-        }
-        block
-    }
-}
-
-/// Index of a sample within its brick.
-fn local_index(sample: IVec3) -> usize {
-    let l = sample & IVec3::splat(7);
-    (l.x + 8 * l.y + 64 * l.z) as usize
-}
-
-/// The eight corners of a cell in the block of [`Grid::inside_block`], bit `i` for the corner at (i & 1, i >> 1 & 1, i >> 2).
-fn cell_mask(block: &[bool; 729], x: usize, y: usize, z: usize) -> u8 {
-    (0..8).fold(0, |mask, i| mask | u8::from(block[x + (i & 1) + 9 * (y + (i >> 1 & 1)) + 81 * (z + (i >> 2))]) << i)
+    let mut wrapped = nets::extract(&grid);
+    pull::pull_back(&mut wrapped, &grid, bvh, params.keep, cancellation);
+    wrapped
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::geometry::Topology;
+    use glam::Vec3;
     use proptest::prelude::*;
 
     fn wrap(mesh: &TriMesh, resolution: u32) -> TriMesh {
         let bvh = Bvh::new(&mesh.positions, &mesh.triangles);
-        reconstruct(&mesh.positions, &mesh.triangles, &bvh, &Reconstruction::new(resolution), &Cancellation::default())
+        reconstruct(mesh, &bvh, &Reconstruction::new(resolution), &Cancellation::default())
     }
 
     fn volume(mesh: &TriMesh) -> f32 {

@@ -1,25 +1,30 @@
-//! Surface nets: one vertex per cell that the surface passes, one quad per edge that it crosses.
+//! Surface nets: one vertex per cell that the surface crosses, one quad per edge that it crosses.
 
 use glam::{IVec3, Vec3, Vec3A};
 use rayon::prelude::*;
 
-use super::{BRICK, BRICK_SAMPLES, Grid, cell_mask};
+use super::grid::{BRICK, BRICK_SAMPLES, BrickGrid, cell_mask, corner_offset, local_index};
 use crate::data::TriMesh;
 
 /// The twelve edges of a cell as pairs of corners.
 const EDGES: [(usize, usize); 12] =
     [(0, 1), (2, 3), (4, 5), (6, 7), (0, 2), (1, 3), (4, 6), (5, 7), (0, 4), (1, 5), (2, 6), (3, 7)];
-/// A cell without a vertex.
-const NONE: u32 = u32::MAX;
+/// The vertex of a cell that has none.
+const NO_VERTEX: u32 = u32::MAX;
 
-/// Vertices of one brick, and which of its cells has which.
+/// Least distance of a sample's level from zero, in cells. The flood and the repair decide the side of a sample and may
+/// disagree with its distance.
+const LEAST_LEVEL: f32 = 0.02;
+
+/// Vertices of one brick.
 struct BrickVertices {
     positions: Vec<Vec3>,
+    /// Vertex of each cell, or [`NO_VERTEX`].
     cells: Box<[u32; BRICK_SAMPLES]>,
 }
 
 /// The boundary between inside and outside as triangles.
-pub(super) fn extract(grid: &Grid) -> TriMesh {
+pub(super) fn extract(grid: &BrickGrid) -> TriMesh {
     let vertices: Vec<BrickVertices> =
         (0..grid.bricks.len()).into_par_iter().map(|brick| vertices_of(grid, brick)).collect();
     let mut first = Vec::with_capacity(vertices.len());
@@ -35,14 +40,10 @@ pub(super) fn extract(grid: &Grid) -> TriMesh {
     TriMesh { positions: vertices.into_iter().flat_map(|v| v.positions).collect(), triangles }
 }
 
-fn corner_offset(corner: usize) -> IVec3 {
-    IVec3::new((corner & 1) as i32, (corner >> 1 & 1) as i32, (corner >> 2) as i32)
-}
-
-fn vertices_of(grid: &Grid, brick: usize) -> BrickVertices {
+fn vertices_of(grid: &BrickGrid, brick: usize) -> BrickVertices {
     let base = grid.bricks[brick].coordinate * BRICK as i32;
     let block = grid.inside_block(brick);
-    let mut out = BrickVertices { positions: Vec::new(), cells: Box::new([NONE; BRICK_SAMPLES]) };
+    let mut out = BrickVertices { positions: Vec::new(), cells: Box::new([NO_VERTEX; BRICK_SAMPLES]) };
     for i in 0..BRICK_SAMPLES {
         let (x, y, z) = (i % BRICK, i / BRICK % BRICK, i / (BRICK * BRICK));
         let mask = cell_mask(&block, x, y, z);
@@ -57,19 +58,17 @@ fn vertices_of(grid: &Grid, brick: usize) -> BrickVertices {
 }
 
 /// Mean of the points where the surface crosses the cell's edges, in cells.
-fn crossing_mean(grid: &Grid, cell: IVec3, mask: u8) -> Vec3A {
+fn crossing_mean(grid: &BrickGrid, cell: IVec3, mask: u8) -> Vec3A {
     let inside = |corner: usize| mask >> corner & 1 == 1;
-    // The flood and the repair may disagree with the distance: its sign is then forced, by a small value.
-    let smallest = 0.02;
     let level = |corner: usize| {
-        let value = grid.level(cell + corner_offset(corner));
-        if inside(corner) { value.min(-smallest) } else { value.max(smallest) }
+        let value = grid.level(cell + corner_offset(corner as i32));
+        if inside(corner) { value.min(-LEAST_LEVEL) } else { value.max(LEAST_LEVEL) }
     };
     let (mut sum, mut count) = (Vec3A::ZERO, 0.0);
     for (a, b) in EDGES {
         if inside(a) != inside(b) {
             let (la, lb) = (level(a), level(b));
-            let (pa, pb) = (corner_offset(a).as_vec3a(), corner_offset(b).as_vec3a());
+            let (pa, pb) = (corner_offset(a as i32).as_vec3a(), corner_offset(b as i32).as_vec3a());
             sum += pa + (pb - pa) * (la / (la - lb));
             count += 1.0;
         }
@@ -77,14 +76,14 @@ fn crossing_mean(grid: &Grid, cell: IVec3, mask: u8) -> Vec3A {
     sum / count
 }
 
-fn triangles_of(grid: &Grid, vertices: &[BrickVertices], first: &[u32], brick: usize) -> Vec<[u32; 3]> {
+fn triangles_of(grid: &BrickGrid, vertices: &[BrickVertices], first: &[u32], brick: usize) -> Vec<[u32; 3]> {
     const STRIDE: [usize; 3] = [1, 9, 81];
     let base = grid.bricks[brick].coordinate * BRICK as i32;
     let block = grid.inside_block(brick);
     let vertex = |cell: IVec3| -> Option<u32> {
         let owner = grid.brick_of(cell)?;
-        let vertex = vertices[owner].cells[super::local_index(cell)];
-        (vertex != NONE).then(|| first[owner] + vertex)
+        let vertex = vertices[owner].cells[local_index(cell)];
+        (vertex != NO_VERTEX).then(|| first[owner] + vertex)
     };
     let mut out = Vec::new();
     for i in 0..BRICK_SAMPLES {

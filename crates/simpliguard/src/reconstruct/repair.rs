@@ -1,15 +1,15 @@
-//! Makes the set of inside samples well-composed (Latecki 1997): no cell may join inside or outside samples across a
-//! diagonal only. Flips go towards the inside, so the loop ends.
+//! Makes the set of inside samples well-composed (Latecki 1997): in no cell are inside or outside samples connected
+//! across a diagonal only. Samples are only added to the inside, so the loop ends.
 
 use std::collections::BTreeSet;
 
 use glam::IVec3;
 use rayon::prelude::*;
 
-use super::{BRICK, Grid, NO_BRICK, cell_mask, local_index};
+use super::grid::{BRICK, BRICK_SAMPLES, BrickGrid, NO_BRICK, cell_mask, corner_offset, local_index};
 
 /// Adds samples to the inside until every cell is well-composed.
-pub(super) fn make_well_composed(grid: &mut Grid) {
+pub(super) fn make_well_composed(grid: &mut BrickGrid) {
     let mut work: Vec<u32> = (0..grid.bricks.len() as u32).collect();
     while !work.is_empty() {
         let flips: Vec<IVec3> = work.par_iter().flat_map_iter(|&brick| flips_of(grid, brick as usize)).collect();
@@ -19,8 +19,7 @@ pub(super) fn make_well_composed(grid: &mut Grid) {
             grid.bricks[brick].set_inside(local_index(sample), true);
             // Cells that contain the sample start in this brick or in one before it.
             for offset in 0..8 {
-                let step = IVec3::new(offset & 1, offset >> 1 & 1, offset >> 2);
-                if let Some(slot) = grid.slot((sample >> IVec3::splat(3)) - step)
+                if let Some(slot) = grid.slot((sample >> IVec3::splat(3)) - corner_offset(offset))
                     && grid.table[slot] != NO_BRICK
                 {
                     next.insert(grid.table[slot]);
@@ -31,12 +30,12 @@ pub(super) fn make_well_composed(grid: &mut Grid) {
     }
 }
 
-/// Samples to flip in the cells that start in a brick.
-fn flips_of(grid: &Grid, brick: usize) -> Vec<IVec3> {
+/// Samples to add to the inside in the cells that start in a brick.
+fn flips_of(grid: &BrickGrid, brick: usize) -> Vec<IVec3> {
     let base = grid.bricks[brick].coordinate * BRICK as i32;
     let block = grid.inside_block(brick);
     let mut flips = Vec::new();
-    for i in 0..BRICK * BRICK * BRICK {
+    for i in 0..BRICK_SAMPLES {
         let (x, y, z) = (i % BRICK, i / BRICK % BRICK, i / (BRICK * BRICK));
         let mask = cell_mask(&block, x, y, z);
         if mask != 0
@@ -44,13 +43,14 @@ fn flips_of(grid: &Grid, brick: usize) -> Vec<IVec3> {
             && let Some(corner) = corner_to_flip(mask)
         {
             let cell = IVec3::new(x as i32, y as i32, z as i32);
-            flips.push(base + cell + IVec3::new(corner & 1, corner >> 1 & 1, corner >> 2));
+            flips.push(base + cell + corner_offset(corner));
         }
     }
     flips
 }
 
-/// An outside corner whose flip removes a diagonal connection of the cell, or `None` if it has none.
+/// An outside corner of a cell that removes a diagonal connection once it is inside; `None` if the cell has no such
+/// connection.
 fn corner_to_flip(mask: u8) -> Option<i32> {
     const FACES: [[u8; 4]; 6] = [[0, 1, 3, 2], [4, 5, 7, 6], [0, 1, 5, 4], [2, 3, 7, 6], [0, 2, 6, 4], [1, 3, 7, 5]];
     let inside = |corner: u8| mask >> corner & 1 == 1;

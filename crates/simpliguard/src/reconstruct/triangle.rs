@@ -1,11 +1,11 @@
 //! Distances of four points at once to a triangle.
 //!
-//! Lanes are points, so that nothing is gathered: every number of the triangle goes to all four. Only sums and products
-//! of single precision are used, which are the same on every machine.
+//! Each SIMD lane holds one point, so nothing is gathered: every number of the triangle is broadcast to all four lanes.
+//! Only sums and products in single precision are used, which are the same on every machine.
 
 use glam::{Vec3, Vec3A, Vec4};
 
-/// Four points by coordinate.
+/// Four points, stored by coordinate.
 pub(super) struct Points {
     x: Vec4,
     y: Vec4,
@@ -13,7 +13,7 @@ pub(super) struct Points {
 }
 
 impl Points {
-    /// The corners of a unit square with its least one at `p`, x fastest.
+    /// The corners of a unit square parallel to the x and y axes, the lowest at `p`, x fastest.
     pub(super) fn square(p: Vec3) -> Self {
         Self {
             x: Vec4::splat(p.x) + Vec4::new(0.0, 1.0, 0.0, 1.0),
@@ -39,10 +39,12 @@ pub(super) struct Facet {
 
 struct Side {
     start: Vec3A,
-    way: Vec3A,
-    /// Along `way`, from 0 at the start to 1 at the end.
+    /// From the start to the end.
+    displacement: Vec3A,
+    /// The displacement over its squared length: its dot product with a point relative to the start is 0 at the start
+    /// and 1 at the end.
     along: Vec3A,
-    /// In the plane of the triangle, to its inside.
+    /// The direction in the plane of the triangle towards its interior.
     inward: Vec3A,
 }
 
@@ -50,8 +52,9 @@ impl Facet {
     pub(super) fn new(&[a, b, c]: &[Vec3A; 3]) -> Self {
         let normal = (b - a).cross(c - a).normalize_or_zero();
         let side = |start: Vec3A, end: Vec3A| {
-            let way = end - start;
-            Side { start, way, along: way / way.length_squared().max(f32::MIN_POSITIVE), inward: normal.cross(way) }
+            let displacement = end - start;
+            let along = displacement / displacement.length_squared().max(f32::MIN_POSITIVE);
+            Side { start, displacement, along, inward: normal.cross(displacement) }
         };
         Self { normal, sides: [side(a, b), side(b, c), side(c, a)] }
     }
@@ -64,14 +67,14 @@ impl Facet {
             let p = points.relative_to(side.start);
             let t = p.dot(side.along).clamp(Vec4::ZERO, Vec4::ONE);
             let (x, y, z) = (
-                p.x - t * Vec4::splat(side.way.x),
-                p.y - t * Vec4::splat(side.way.y),
-                p.z - t * Vec4::splat(side.way.z),
+                p.x - t * Vec4::splat(side.displacement.x),
+                p.y - t * Vec4::splat(side.displacement.y),
+                p.z - t * Vec4::splat(side.displacement.z),
             );
             edge = edge.min(x * x + y * y + z * z);
             inside = inside.min(p.dot(side.inward));
         }
-        // A triangle without area has no inside.
+        // A triangle without area has no interior, so its sides give the distance.
         let height = points.relative_to(self.sides[0].start).dot(self.normal);
         Vec4::select(inside.cmpgt(Vec4::ZERO), height * height, edge)
     }

@@ -1,24 +1,31 @@
 //! Forward pass: visibility, texture lookup, antialiasing of silhouettes.
 //!
 //! Antialiasing after nvdiffrast (Laine et al. 2020): where two neighbouring pixels see different triangles and a
-//! silhouette edge passes between their centres, the nearer colour is blended into the farther by how far it reaches.
+//! silhouette edge passes between their centres, the nearer colour is blended into the farther one by how far it reaches.
 //! An edge acts along its minor direction only (horizontally if it is steep): with both, diagonals would count twice.
 //!
 //! Limit: edges where two faces intersect are no silhouettes and get neither blending nor gradient.
 
-use glam::{Vec2, Vec3, Vec4};
+use std::ops::Range;
 
-use super::LowPoly;
-use super::low_poly::NO_NEIGHBOUR;
+use glam::{Mat4, Vec2, Vec3, Vec4};
+
+use super::lookup::Lookup;
+use super::low_poly::{LowPoly, NO_NEIGHBOUR, TexelGrid};
 use crate::render::raster::{barycentric_at, barycentric_coefficients, pixel_to_ndc, to_pixels};
 use crate::render::{Camera, EMPTY_PIXEL, Raster, Rect};
 
 /// Buffers of one view, reused from step to step.
 pub(super) struct FrameBuffers {
+    /// Side in pixels.
     pub(super) size: usize,
+    /// Camera and pose of the view.
+    pub(super) view_projection: Mat4,
+    pub(super) pose: Option<usize>,
     /// Pixels that the mesh or the source may touch.
     pub(super) rect: Rect,
     pub(super) raster: Raster,
+    /// Clip-space position of each vertex.
     pub(super) clip: Vec<Vec4>,
     /// Homogeneous barycentric coefficients of each triangle.
     pub(super) coefficients: Vec<[Vec3; 3]>,
@@ -28,7 +35,9 @@ pub(super) struct FrameBuffers {
     pub(super) image: Vec<Vec4>,
     /// Blends, in the order they were made.
     pub(super) blends: Vec<Blend>,
+    /// Position of each vertex in pixels.
     pixels: Vec<Vec2>,
+    /// Triangles that face the camera.
     facing: Vec<bool>,
 }
 
@@ -38,53 +47,23 @@ pub(super) struct Blend {
     /// The pixel whose triangle owns the edge, and the one beyond it.
     pub(super) near: u32,
     pub(super) far: u32,
-    /// Distance from the near pixel's centre to the edge, in pixels towards the far one: 0 to 1.
+    /// Distance from the near pixel's centre to the edge, in pixels towards the far one, 0 to 1.
     pub(super) reach: f32,
-    /// The edge.
+    /// Ends of the edge.
     pub(super) vertices: [u32; 2],
-    /// The pixels are side by side (else one above the other).
+    /// The pixels are side by side, else one above the other.
     pub(super) horizontal: bool,
     /// +1 if the far pixel follows the near one along that direction.
     pub(super) sign: f32,
 }
 
-/// A bilinear lookup: its first texel and the fractions.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Lookup {
-    pub(super) texel: usize,
-    pub(super) fx: f32,
-    pub(super) fy: f32,
-}
-
-impl Lookup {
-    #[inline]
-    pub(super) fn new(uv: Vec2, size: usize) -> Self {
-        let last = size as f32 - 1.001;
-        let (x, y) = ((uv.x - 0.5).clamp(0.0, last), (uv.y - 0.5).clamp(0.0, last));
-        let (i, j) = (x as usize, y as usize);
-        Self { texel: j * size + i, fx: x - i as f32, fy: y - j as f32 }
-    }
-
-    /// Weights of the texel, the one to its right, the one below and the one below right.
-    #[inline]
-    pub(super) fn weights(&self) -> [f32; 4] {
-        let (x, y) = (self.fx, self.fy);
-        [(1.0 - x) * (1.0 - y), x * (1.0 - y), (1.0 - x) * y, x * y]
-    }
-
-    /// What a texture of `size` x `size` texels shows there.
-    #[inline]
-    pub(super) fn sample(&self, texels: &[Vec4], size: usize) -> Vec4 {
-        let [a, b, c, d] = self.weights();
-        let k = self.texel;
-        texels[k] * a + texels[k + 1] * b + texels[k + size] * c + texels[k + size + 1] * d
-    }
-}
-
 impl FrameBuffers {
+    /// For views of `size` x `size` pixels.
     pub(super) fn new(size: usize) -> Self {
         Self {
             size,
+            view_projection: Mat4::IDENTITY,
+            pose: None,
             rect: Rect { x0: 0, y0: 0, x1: 0, y1: 0 },
             raster: Raster::new(size),
             clip: Vec::new(),
@@ -97,9 +76,10 @@ impl FrameBuffers {
         }
     }
 
-    /// Visibility alone: ids, depth and barycentric coefficients. `source` are the pixels that the source covers.
+    /// Finds visibility alone: ids, depth and barycentric coefficients. `source` is the rectangle that the source covers.
     pub(super) fn rasterise(&mut self, low: &LowPoly, camera: &Camera, pose: Option<usize>, source: Rect) {
-        low.motions.project(&low.positions, &camera.view_projection, pose, &mut self.clip);
+        (self.view_projection, self.pose) = (camera.view_projection, pose);
+        low.motions.project(&low.positions, &self.view_projection, pose, &mut self.clip);
         let own = Rect::around(&self.clip, self.size, 2);
         self.rect = Rect {
             x0: own.x0.min(source.x0),
@@ -114,7 +94,7 @@ impl FrameBuffers {
         self.coefficients.extend(low.triangles.iter().map(|t| barycentric_coefficients(t.map(|v| clip[v as usize]))));
     }
 
-    /// The whole forward pass.
+    /// Runs the whole forward pass.
     pub(super) fn render(&mut self, low: &LowPoly, camera: &Camera, pose: Option<usize>, source: Rect) {
         self.rasterise(low, camera, pose, source);
         self.shade(low);
@@ -122,15 +102,25 @@ impl FrameBuffers {
         self.blend();
     }
 
-    /// Texture coordinates seen at a pixel of triangle `t`, with the barycentric ones and the inverse of their sum.
+    /// Indices of the pixels of row `y` within the rectangle.
     #[inline]
-    pub(super) fn uv_at(&self, low: &LowPoly, t: usize, x: usize, ndc_y: f32) -> (Vec2, Vec3, f32) {
-        let (b, inverse) = barycentric_at(&self.coefficients[t], pixel_to_ndc(x, self.size), ndc_y);
+    pub(super) fn span(&self, y: usize) -> Range<usize> {
+        let row = y * self.size;
+        row + self.rect.x0..row + self.rect.x1.max(self.rect.x0)
+    }
+
+    /// Texture coordinates, in texels, at a pixel of triangle `t` that lies at `ndc` in normalised device coordinates; with
+    /// the barycentric coordinates and the inverse of the sum of the homogeneous ones.
+    #[inline]
+    pub(super) fn uv_at(&self, low: &LowPoly, t: usize, ndc: Vec2) -> (Vec2, Vec3, f32) {
+        let (b, inverse) = barycentric_at(&self.coefficients[t], ndc.x, ndc.y);
         let [u, v, w] = &low.uvs[t];
         (*u * b.x + *v * b.y + *w * b.z, b, inverse)
     }
 
+    /// Looks the texture up at every pixel.
     fn shade(&mut self, low: &LowPoly) {
+        let TexelGrid { size, ref texels, .. } = low.texture;
         for y in self.rect.rows() {
             let ndc_y = pixel_to_ndc(y, self.size);
             for x in self.rect.columns() {
@@ -139,13 +129,15 @@ impl FrameBuffers {
                 self.base[i] = if id == EMPTY_PIXEL {
                     Vec4::ZERO
                 } else {
-                    let lookup = Lookup::new(self.uv_at(low, id as usize, x, ndc_y).0, low.size);
-                    lookup.sample(&low.texels, low.size)
+                    let ndc = Vec2::new(pixel_to_ndc(x, self.size), ndc_y);
+                    let uv = self.uv_at(low, id as usize, ndc).0;
+                    Lookup::new(uv, size).sample(texels, size)
                 };
             }
         }
     }
 
+    /// Finds where silhouette edges pass between neighbouring pixels.
     pub(super) fn find_blends(&mut self, low: &LowPoly) {
         self.pixels.clear();
         self.pixels.extend(self.clip.iter().map(|&c| to_pixels(c, self.size).truncate()));
@@ -169,6 +161,7 @@ impl FrameBuffers {
         }
     }
 
+    /// Adds the blend between two neighbouring pixels, if a silhouette edge of the nearer one passes between them.
     #[inline]
     fn blend_between(&mut self, low: &LowPoly, first: usize, second: usize, horizontal: bool) {
         let (a, b) = (self.raster.ids[first], self.raster.ids[second]);
@@ -198,10 +191,10 @@ impl FrameBuffers {
         }
     }
 
+    /// Applies the blends to the base colours.
     fn blend(&mut self) {
         for y in self.rect.rows() {
-            let row = y * self.size;
-            let span = row + self.rect.x0..row + self.rect.x1.max(self.rect.x0);
+            let span = self.span(y);
             self.image[span.clone()].copy_from_slice(&self.base[span]);
         }
         for blend in &self.blends {

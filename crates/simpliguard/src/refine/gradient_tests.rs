@@ -1,12 +1,12 @@
-//! Gradients against central differences, on a smooth convex scene: a sphere with a smooth texture, fitted to a picture
-//! of a larger, shifted one.
+//! Gradients against central differences, on a smooth convex scene: a sphere with a smooth texture, fitted to an image of
+//! a larger, shifted sphere.
 
 use glam::{Affine3A, Vec2, Vec3, Vec4};
 
-use super::LowPoly;
 use super::backward::Gradients;
 use super::forward::FrameBuffers;
-use super::image_loss::Loss;
+use super::losses::ImageLoss;
+use super::low_poly::{LowPoly, TexelGrid};
 use crate::animation::Motions;
 use crate::data::{Atlas, TriMesh};
 use crate::geometry::BoundingSphere;
@@ -51,7 +51,7 @@ fn sphere(n: usize) -> LowPoly {
             Vec4::new(0.5 + 0.4 * (5.0 * x).sin(), 0.5 + 0.4 * (4.0 * y).cos(), 0.3 + 0.4 * x, 1.0)
         })
         .collect();
-    LowPoly::new(&mesh, &atlas, false, TEXTURE, texels, vec![true; TEXTURE * TEXTURE])
+    LowPoly::new(&mesh, &atlas, false, TexelGrid { size: TEXTURE, texels, covered: vec![true; TEXTURE * TEXTURE] })
 }
 
 fn camera() -> Camera {
@@ -71,10 +71,10 @@ fn target() -> Image {
     Image { size: SIZE, pixels }
 }
 
-fn loss(low: &LowPoly, target: &Image, background: f32, lambda: f32) -> (f64, FrameBuffers, Loss) {
+fn loss(low: &LowPoly, target: &Image, background: f32, lambda: f32) -> (f64, FrameBuffers, ImageLoss) {
     let mut frame = FrameBuffers::new(SIZE);
     frame.render(low, &camera(), None, all());
-    let mut loss = Loss::default();
+    let mut loss = ImageLoss::default();
     let value = loss.run(&frame, target, background, lambda);
     (value, frame, loss)
 }
@@ -84,14 +84,14 @@ fn compare(background: f32, lambda: f32) -> (f64, f64) {
     let (mut low, target) = (sphere(4), target());
     let (_, frame, run) = loss(&low, &target, background, lambda);
     let mut gradients = Gradients::default();
-    gradients.run(&low, &camera().view_projection, None, &frame, &run.gradient);
+    gradients.backward_to_vertices(&low, &frame, &run.gradient);
     let mut order: Vec<usize> = (0..low.positions.len()).collect();
     let length = |v: &usize| gradients.positions[*v].length();
     order.sort_by(|a, b| length(b).total_cmp(&length(a)));
     let (mut both, mut analytic, mut numeric) = (0.0, 0.0, 0.0);
     for &v in &order[..30] {
         for axis in 0..3 {
-            // About a pixel: smaller steps measure single pixels changing hands.
+            // About a pixel: smaller steps measure single pixels that change their triangle.
             let h = 0.012;
             let mut at = |step: f32| {
                 low.positions[v][axis] += step;
@@ -123,7 +123,7 @@ fn texture_gradients_match_central_differences() {
     let target = target();
     let mut low = sphere(4);
     let (_, frame, run) = loss(&low, &target, 0.0, 0.5);
-    // Over the pixels that count only: at others the two pictures shall agree.
+    // Over the pixels that count only: at others the two images shall agree.
     let counts: Vec<bool> = {
         let mut counts: Vec<bool> =
             (0..SIZE * SIZE).map(|i| frame.raster.ids[i] != EMPTY_PIXEL && target.pixels[i][3] == 255).collect();
@@ -131,22 +131,22 @@ fn texture_gradients_match_central_differences() {
         counts
     };
     let mut gradients = Gradients::default();
-    gradients.run_texture(&low, &frame, &target, &run.gradient);
-    let mut order: Vec<usize> = (0..low.texels.len()).collect();
+    gradients.backward_to_texels(&low, &frame, &target, &run.gradient);
+    let mut order: Vec<usize> = (0..low.texture.texels.len()).collect();
     order.sort_by(|a, b| gradients.texels[*b].length().total_cmp(&gradients.texels[*a].length()));
     for &texel in &order[..20] {
         for slot in 0..3 {
             let h = 0.05;
             let mut at = |step: f32| {
-                low.texels[texel][slot] += step;
+                low.texture.texels[texel][slot] += step;
                 let (_, mut moved, _) = loss(&low, &target, 0.0, 0.5);
-                low.texels[texel][slot] -= step;
+                low.texture.texels[texel][slot] -= step;
                 for (i, counts) in counts.iter().enumerate() {
                     if !counts {
                         moved.image[i] = frame.image[i];
                     }
                 }
-                Loss::default().run(&moved, &target, 0.0, 0.5)
+                ImageLoss::default().run(&moved, &target, 0.0, 0.5)
             };
             let difference = (at(h) - at(-h)) / (2.0 * f64::from(h));
             let gradient = f64::from(gradients.texels[texel][slot]);
@@ -162,10 +162,10 @@ fn gradients_in_a_pose_are_those_at_rest_turned_back() {
     let gradients = |low: &LowPoly, pose| {
         let mut frame = FrameBuffers::new(SIZE);
         frame.render(low, &camera(), pose, all());
-        let mut loss = Loss::default();
+        let mut loss = ImageLoss::default();
         loss.run(&frame, &target, 1.0, 0.5);
         let mut gradients = Gradients::default();
-        gradients.run(low, &camera().view_projection, pose, &frame, &loss.gradient);
+        gradients.backward_to_vertices(low, &frame, &loss.gradient);
         gradients.positions
     };
     let still = sphere(4);
@@ -200,7 +200,7 @@ fn image_gradients_match_central_differences() {
             let h = 1e-2;
             let mut at = |step: f32| {
                 frame.image[pixel][slot] += step;
-                let value = Loss::default().run(&frame, &target, 1.0, 0.5);
+                let value = ImageLoss::default().run(&frame, &target, 1.0, 0.5);
                 frame.image[pixel][slot] -= step;
                 value
             };

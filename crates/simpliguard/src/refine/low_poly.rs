@@ -4,14 +4,42 @@ use glam::{Vec2, Vec3, Vec4};
 
 use crate::animation::Motions;
 use crate::data::{Atlas, TriMesh};
+use crate::render::two_by_two;
 
-/// No triangle lies across an edge.
+/// Marks an edge that no other triangle shares.
 pub(super) const NO_NEIGHBOUR: u32 = u32::MAX;
+
+/// A square texture that is fitted to the views.
+#[derive(Clone, Debug)]
+pub struct TexelGrid {
+    /// Side in texels.
+    pub size: usize,
+    /// sRGB-encoded colours, rows from the top; the fourth slot is one.
+    pub texels: Vec<Vec4>,
+    /// Texels that some triangle covers.
+    pub covered: Vec<bool>,
+}
+
+impl TexelGrid {
+    /// Stands for a texture that is not made yet. A mesh with it cannot be rendered.
+    pub fn empty() -> Self {
+        Self { size: 1, texels: Vec::new(), covered: Vec::new() }
+    }
+
+    /// The same texture at half the size, each texel the mean of four.
+    fn halved(&self) -> Self {
+        let size = self.size / 2;
+        let four = |i: usize| two_by_two(i, self.size);
+        let texels = (0..size * size).map(|i| four(i).map(|k| self.texels[k]).iter().sum::<Vec4>() * 0.25).collect();
+        let covered = (0..size * size).map(|i| four(i).iter().any(|&k| self.covered[k])).collect();
+        Self { size, texels, covered }
+    }
+}
 
 /// A textured low-poly mesh, as the differentiable renderer sees it.
 #[derive(Clone, Debug)]
 pub struct LowPoly {
-    /// World space; what descent moves.
+    /// World space; moved by the optimisation.
     pub positions: Vec<Vec3>,
     /// Vertex indices.
     pub triangles: Vec<[u32; 3]>,
@@ -21,66 +49,50 @@ pub struct LowPoly {
     pub(super) neighbours: Vec<[u32; 3]>,
     /// Back faces are drawn.
     pub double_sided: bool,
-    /// Side of the texture.
-    pub size: usize,
-    /// Encoded RGB, rows from the top; the fourth slot is one.
-    pub texels: Vec<Vec4>,
-    /// Texels that some triangle covers.
-    pub covered: Vec<bool>,
+    /// Fitted to the views.
+    pub texture: TexelGrid,
     /// How the vertices move into the poses of the views.
     pub motions: Motions,
 }
 
 impl LowPoly {
-    /// A mesh with its atlas and an initial texture of `size` x `size` texels.
-    pub fn new(
-        mesh: &TriMesh,
-        atlas: &Atlas,
-        double_sided: bool,
-        size: usize,
-        texels: Vec<Vec4>,
-        covered: Vec<bool>,
-    ) -> Self {
+    /// A mesh with its atlas and an initial texture.
+    pub fn new(mesh: &TriMesh, atlas: &Atlas, double_sided: bool, texture: TexelGrid) -> Self {
         Self {
             positions: mesh.positions.clone(),
             triangles: mesh.triangles.clone(),
-            uvs: atlas.uvs.iter().map(|corners| corners.map(|uv| uv * size as f32)).collect(),
+            uvs: uvs_in_texels(atlas, texture.size),
             neighbours: neighbours(&mesh.triangles),
             double_sided,
-            size,
-            texels,
-            covered,
+            texture,
             motions: Motions::default(),
         }
     }
 
-    /// The same mesh on its bones.
+    /// The same mesh with other motions.
     pub fn with_motions(self, motions: Motions) -> Self {
         Self { motions, ..self }
     }
 
-    /// The same mesh with another texture of `size` x `size` texels.
-    pub fn retextured(self, atlas: &Atlas, size: usize, texels: Vec<Vec4>, covered: Vec<bool>) -> Self {
-        let uvs = atlas.uvs.iter().map(|corners| corners.map(|uv| uv * size as f32)).collect();
-        Self { uvs, size, texels, covered, ..self }
+    /// The same mesh with another texture.
+    pub fn retextured(self, atlas: &Atlas, texture: TexelGrid) -> Self {
+        Self { uvs: uvs_in_texels(atlas, texture.size), texture, ..self }
     }
 
-    /// The same mesh with its texture at half the size, each texel the mean of four.
+    /// The same mesh with its texture at half the size.
     pub(super) fn halved(&self) -> Self {
-        let size = self.size / 2;
-        let four = |i: usize| {
-            let k = 2 * (i / size * self.size + i % size);
-            [k, k + 1, k + self.size, k + self.size + 1]
-        };
-        let texels = (0..size * size).map(|i| four(i).map(|k| self.texels[k]).iter().sum::<Vec4>() * 0.25).collect();
-        let covered = (0..size * size).map(|i| four(i).iter().any(|&k| self.covered[k])).collect();
         let uvs = self.uvs.iter().map(|corners| corners.map(|uv| uv * 0.5)).collect();
-        Self { uvs, size, texels, covered, ..self.clone() }
+        Self { uvs, texture: self.texture.halved(), ..self.clone() }
     }
 
     /// The mesh alone.
     pub fn mesh(&self) -> TriMesh {
         TriMesh { positions: self.positions.clone(), triangles: self.triangles.clone() }
+    }
+
+    /// The corners of triangle `t`.
+    pub(super) fn corners(&self, t: usize) -> [Vec3; 3] {
+        self.triangles[t].map(|v| self.positions[v as usize])
     }
 
     /// Mean length of the triangles' sides.
@@ -90,6 +102,10 @@ impl LowPoly {
         let sum: f32 = self.triangles.iter().map(|t| side(t, 0) + side(t, 1) + side(t, 2)).sum();
         sum / (3 * self.triangles.len()).max(1) as f32
     }
+}
+
+fn uvs_in_texels(atlas: &Atlas, size: usize) -> Vec<[Vec2; 3]> {
+    atlas.uvs.iter().map(|corners| corners.map(|uv| uv * size as f32)).collect()
 }
 
 fn neighbours(triangles: &[[u32; 3]]) -> Vec<[u32; 3]> {

@@ -1,52 +1,98 @@
 //! Differentiable rendering: texture by least squares, vertices by gradient descent (paper 3.4).
 //!
-//! The level is rendered with analytic antialiasing (`forward`), compared with the source's pictures (`image_loss`), and
-//! the error is carried back to the vertices (`backward`). For fixed vertices the texture that fits the pictures best
-//! is a linear problem: bilinear sampling couples a texel with its eight neighbours only, so its normal equations are a
-//! nine-point stencil whatever the number of views (`texture_least_squares`). The paper's descent on the texture (`texture_adam`) is
-//! there to compare with.
+//! The level is rendered with analytic antialiasing (`forward`) and compared with the views of the source (`losses`). The
+//! error is carried back to the vertices (`backward`), and Adam moves them (`optimizer`, `optimise`). Steps that flip
+//! faces or make the mesh intersect itself are rolled back (`constraints`). For fixed vertices the texture that fits the
+//! views best is a linear problem: bilinear sampling couples a texel with its eight neighbours only, so its normal
+//! equations are a nine-point stencil, however many views there are (`texture_least_squares`). The paper's gradient descent
+//! on the texture (`texture_adam`) is there to compare with.
 //!
 //! Colours are sRGB encoded here: errors then weigh as they are seen.
 
 mod backward;
+mod batch;
 mod constraints;
-mod distance;
+mod covered_views;
 mod forward;
 #[cfg(test)]
 mod gradient_tests;
-mod image_loss;
+mod lookup;
+mod losses;
 mod low_poly;
 mod optimise;
 mod optimizer;
-mod regularisation;
+mod params;
 mod skin;
 mod texture_adam;
 mod texture_least_squares;
 mod train_validation;
+mod variables;
+mod view_order;
+mod view_target;
 
-pub use low_poly::LowPoly;
-pub use optimise::{RefineParams, Refined, ViewTarget, fit_texture, refine};
+pub use low_poly::{LowPoly, TexelGrid};
+pub use params::{RefineParams, Solver, TextureAdam, TextureFit};
 pub use skin::Skin;
-pub use texture_adam::{TextureAdam, optimise_texture};
-pub use texture_least_squares::solve_texture;
+pub use view_target::ViewTarget;
 
-/// How a texture is fitted to the views.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct TextureFit {
-    /// Weight of the squared differences of neighbouring texels, in pixels.
-    pub smoothness: f32,
-    /// Difference of colours, 0 to 1, at which a pixel counts half, since it is likely to show another part of the source;
-    /// `None` counts all alike. For least squares.
-    pub trust: Option<f32>,
-    /// By what.
-    pub solver: Solver,
+use self::optimise::Optimisation;
+use self::train_validation::TrainValidationSplit;
+use self::variables::Variables;
+use crate::Cancellation;
+use crate::render::View;
+
+/// Gain of the refinement: mean PSNR in dB over views that were not fitted.
+#[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct Refined {
+    /// With the initial texture.
+    pub psnr_initial: f32,
+    /// With the fitted texture on the vertices as given.
+    pub psnr_texture: f32,
+    /// At the end.
+    pub psnr: f32,
 }
 
-/// What fits a texture.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Solver {
-    /// [`solve_texture`].
-    LeastSquares,
-    /// [`optimise_texture`].
-    Adam(TextureAdam),
+/// Fits `low` to the views, and `skin` to those in other poses. By the views held out, the result is never worse than the
+/// start.
+///
+/// Ends early if cancelled: `low` and `skin` are then valid but unfinished, for the caller to discard.
+pub fn refine(
+    low: &mut LowPoly,
+    skin: Option<&mut Skin<'_>>,
+    target: &ViewTarget<'_>,
+    params: &RefineParams,
+    cancellation: &Cancellation,
+) -> Refined {
+    let split = TrainValidationSplit::new(target.views, cancellation);
+    let refined = fit_texture_to(&split, low, params.texture.as_ref());
+    if params.steps == 0 || low.triangles.is_empty() {
+        return refined;
+    }
+    let optimisation = Optimisation::new(low, target, params, cancellation);
+    let psnr = optimisation.run(Variables { low, skin }, &split, refined.psnr);
+    Refined { psnr, ..refined }
+}
+
+/// Fits the texture alone. Keeps the initial one if the fitted one does not match the views held out better.
+///
+/// Ends early if cancelled.
+pub fn fit_texture(
+    low: &mut LowPoly,
+    views: &[View],
+    fit: Option<&TextureFit>,
+    cancellation: &Cancellation,
+) -> Refined {
+    fit_texture_to(&TrainValidationSplit::new(views, cancellation), low, fit)
+}
+
+fn fit_texture_to(split: &TrainValidationSplit<'_>, low: &mut LowPoly, fit: Option<&TextureFit>) -> Refined {
+    let psnr_initial = split.score(low);
+    let Some(fit) = fit else { return Refined { psnr_initial, psnr_texture: psnr_initial, psnr: psnr_initial } };
+    let initial = low.texture.texels.clone();
+    split.fit_texture(low, Some(fit));
+    let psnr_texture = split.score(low);
+    if psnr_texture < psnr_initial {
+        low.texture.texels = initial;
+    }
+    Refined { psnr_initial, psnr_texture, psnr: psnr_texture.max(psnr_initial) }
 }

@@ -1,9 +1,10 @@
 //! Adam (Kingma and Ba 2015).
 
+/// Decay rates of the first and the second moment from step to step.
 const BETA1: f32 = 0.9;
 const BETA2: f32 = 0.99;
 
-/// First and second moments of each coordinate.
+/// First and second moments of the gradient in each coordinate.
 pub(super) struct Adam {
     mean: Vec<f32>,
     square: Vec<f32>,
@@ -13,7 +14,7 @@ pub(super) struct Adam {
 }
 
 impl Adam {
-    /// For so many coordinates.
+    /// For `len` coordinates, before the first step.
     pub(super) fn new(len: usize) -> Self {
         Self { mean: vec![0.0; len], square: vec![0.0; len], beta1: 1.0, beta2: 1.0 }
     }
@@ -26,7 +27,7 @@ impl Adam {
         for (((x, &g), mean), square) in x.iter_mut().zip(gradient).zip(&mut self.mean).zip(&mut self.square) {
             *mean = *mean * BETA1 + g * (1.0 - BETA1);
             *square = *square * BETA2 + g * g * (1.0 - BETA2);
-            // What nothing sees has no gradient: the small term keeps it where it is.
+            // A coordinate that no view sees has no gradient: the small term keeps it in its place.
             *x -= *mean * (rate * unbias1) / ((*square * unbias2).sqrt() + 1e-12);
         }
     }

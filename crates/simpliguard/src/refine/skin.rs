@@ -1,47 +1,59 @@
-//! Skin weights, fitted to the pictures of the poses together with the vertices.
+//! Skin weights, fitted to the posed views together with the vertices.
 //!
 //! Linear blend skinning takes a vertex from `p` at rest to `P R^-1 p`, with `P` and `R` the blends of its bones' matrices
 //! in the pose and at rest. Its derivative by a weight ([`Poses::by_weights`]) carries the gradient at the posed vertex
-//! on to the weights. Each vertex keeps the bones it came with: projected descent on the simplex, so that weights stay
-//! positive and sum to one.
+//! on to the weights. Each vertex keeps its initial bones. Projected gradient descent on the simplex keeps weights positive
+//! and their sum at one.
 
 use glam::{Vec3, Vec4};
 use rayon::prelude::*;
 
-use super::LowPoly;
+use super::low_poly::LowPoly;
 use super::optimizer::Adam;
 use crate::animation::{Poses, ordered, project};
 use crate::data::Influences;
 
-/// Weight of the squared change of each weight in the loss, over the number of vertices.
+/// Weight, in the loss, of the squared change of each skin weight, over the number of vertices.
 const PULL: f32 = 0.01;
 
-/// The influences of a level's vertices on their way.
+/// Bones and weights of a level's vertices during the optimisation.
 pub struct Skin<'a> {
     poses: &'a Poses<'a>,
     influences: Vec<Influences>,
-    /// Weights as they were taken over.
+    /// Initial weights.
     origin: Vec<[f32; 4]>,
-    /// How many bones each vertex may hang on.
+    /// Number of bones that each vertex may follow.
     slots: Vec<u8>,
 }
 
+/// The gradient at the vertices of one view.
+pub(super) struct PosedGradient<'a> {
+    /// Pose of the view; `None` for the rest pose.
+    pub(super) pose: Option<usize>,
+    /// By the posed positions, in world space.
+    pub(super) posed: &'a [Vec3],
+    /// Weight of the view.
+    pub(super) factor: f32,
+}
+
 impl<'a> Skin<'a> {
-    /// Influences as they were taken over from the source.
+    /// Begins with `influences`, as transferred from the source.
     pub fn new(poses: &'a Poses<'a>, influences: Vec<Influences>) -> Self {
         let slots = influences.iter().map(|i| i.weights.iter().filter(|w| **w > 0.0).count() as u8).collect();
         Self { poses, origin: influences.iter().map(|i| i.weights).collect(), influences, slots }
     }
 
-    /// The influences as they stand, weights falling.
+    /// The present influences of each vertex, the largest weight first.
     pub fn into_influences(self) -> Vec<Influences> {
         self.influences.iter().map(ordered).collect()
     }
 
+    /// The present weights of each vertex.
     pub(super) fn weights(&self) -> Vec<[f32; 4]> {
         self.influences.iter().map(|i| i.weights).collect()
     }
 
+    /// Replaces the weights of each vertex.
     pub(super) fn set_weights(&mut self, weights: &[[f32; 4]]) {
         self.influences.iter_mut().zip(weights).for_each(|(i, w)| i.weights = *w);
     }
@@ -58,15 +70,9 @@ impl<'a> Skin<'a> {
         (0..self.poses.all()).for_each(|pose| self.move_into(Some(pose), low));
     }
 
-    /// Adds what `posed`, the gradient at the vertices in a pose, says about the weights, times `factor`.
-    pub(super) fn add_gradient(
-        &self,
-        pose: Option<usize>,
-        positions: &[Vec3],
-        posed: &[Vec3],
-        factor: f32,
-        gradient: &mut [Vec4],
-    ) {
+    /// Adds the gradient by the weights that follows from `view`, with the vertices at `positions` in the rest pose.
+    pub(super) fn add_gradient(&self, view: &PosedGradient<'_>, positions: &[Vec3], gradient: &mut [Vec4]) {
+        let PosedGradient { pose, posed, factor } = *view;
         let Some(pose) = pose else { return };
         let vertices = gradient.par_iter_mut().zip(&self.influences).zip(positions).zip(posed).zip(&self.slots);
         vertices.with_min_len(256).for_each(|((((gradient, influences), position), posed), &slots)| {
@@ -77,14 +83,14 @@ impl<'a> Skin<'a> {
         });
     }
 
-    /// Moves the weights against `gradient` by about `rate` each, and back onto the simplex.
+    /// Moves the weights against `gradient` by about `rate` each, and projects them back onto the simplex.
     pub(super) fn step(&mut self, adam: &mut Adam, mut gradient: Vec<Vec4>, rate: f32) {
         let pull = 2.0 * PULL / self.influences.len().max(1) as f32;
         for (((gradient, influences), origin), &slots) in
             gradient.iter_mut().zip(&self.influences).zip(&self.origin).zip(&self.slots)
         {
             *gradient += (Vec4::from(influences.weights) - Vec4::from(*origin)) * pull;
-            // Only what shifts weight between the bones counts.
+            // Only the component that shifts weight between the bones counts.
             let slots = usize::from(slots);
             let mean = (0..slots).map(|k| gradient[k]).sum::<f32>() / slots.max(1) as f32;
             (0..4).for_each(|k| gradient[k] = if k < slots { gradient[k] - mean } else { 0.0 });
@@ -127,12 +133,13 @@ mod tests {
         let half = Influences { joints: [0, 1, 0, 0], weights: [0.5, 0.5, 0.0, 0.0] };
         let mut skin = Skin::new(&poses, vec![half, Influences::rigid(1)]);
         let mut adam = Adam::new(8);
-        // The first vertex is wanted at a height of 0.8 in the pose.
+        // The loss pulls the first vertex to a height of 0.8 in the pose.
         for _ in 0..400 {
             let heights = poses.motions_into(0, &skin.influences);
             let posed: Vec<Vec3> = heights.iter().map(|m| Vec3::Y * 2.0 * (m.translation.y - 0.8)).collect();
             let mut gradient = vec![Vec4::ZERO; 2];
-            skin.add_gradient(Some(0), &model.surface.positions, &posed, 1.0, &mut gradient);
+            let posed = PosedGradient { pose: Some(0), posed: &posed, factor: 1.0 };
+            skin.add_gradient(&posed, &model.surface.positions, &mut gradient);
             skin.step(&mut adam, gradient, 0.01);
         }
         let fitted = skin.into_influences();

@@ -4,6 +4,7 @@ use glam::{Vec3, Vec4, Vec4Swizzles};
 use image::{Rgba, RgbaImage};
 
 use super::raster::{EMPTY_PIXEL, Raster, Rect, barycentric_at, barycentric_coefficients, pixel_to_ndc, to_pixels};
+use super::two_by_two::two_by_two;
 use super::{Camera, Footprint, SurfaceSampler};
 use crate::data::{AlphaMode, linear_to_srgb};
 
@@ -37,8 +38,7 @@ impl Image {
     pub fn halved(&self) -> Option<Self> {
         let size = self.size.is_multiple_of(2).then_some(self.size / 2)?;
         let pixel = |i: usize| {
-            let k = 2 * (i / size.max(1) * self.size + i % size.max(1));
-            let four = [k, k + 1, k + self.size, k + self.size + 1].map(|k| self.pixels[k]);
+            let four = two_by_two(i, self.size).map(|k| self.pixels[k]);
             std::array::from_fn(|lane| ((four.iter().map(|p| u16::from(p[lane])).sum::<u16>() + 2) / 4) as u8)
         };
         Some(Self { size, pixels: (0..size * size).map(pixel).collect() })

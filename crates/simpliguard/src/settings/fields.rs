@@ -202,6 +202,11 @@ macro_rules! settings {
                 $( check(stringify!($name), &self.$name, $limit).map_err(Error::Settings)?; )+
                 Ok(())
             }
+
+            /// Name and value as RON of each field, in the order of the list.
+            pub(super) fn entries(&self) -> Vec<(&'static str, String)> {
+                vec![$( (stringify!($name), self.$name.ron()) ),+]
+            }
         }
 
         impl BakeOverrides {

@@ -19,11 +19,11 @@ mod target;
 mod text;
 mod value;
 
+pub use crate::data::MaterialWeight;
 pub use fields::{
     BakeOverrides, BakeSettings, Candidates, ExistingLods, FieldInfo, InitialTexture, JointPlanes, MorphTargets,
     Quality, SkinTransfer, SourceGeometry, TextureSolver, reference,
 };
-pub use crate::data::MaterialWeight;
 pub use meta::parse_meta;
 pub use project::{BakeMode, BakePriority, CacheSettings, ProjectFile, ProjectSettings, Rule, parse_cache_size};
 pub use resolve::{Effective, Layer, Origin, Resolved, resolve};

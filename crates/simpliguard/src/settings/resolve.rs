@@ -93,7 +93,7 @@ impl Resolved {
     /// Every field with value and origin, in the order of the reference.
     pub fn effective(&self) -> impl Iterator<Item = Effective<'_>> {
         let entries = self.settings.entries().into_iter();
-        entries.zip(&self.origins).map(|((name, _, value), origin)| Effective { name, value, origin })
+        entries.zip(&self.origins).map(|((name, value), origin)| Effective { name, value, origin })
     }
 
     /// Where the value of a field came from; `None` if there is no such field.

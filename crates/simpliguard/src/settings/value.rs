@@ -2,6 +2,8 @@
 
 use serde::{Deserialize, Serialize};
 
+pub use crate::data::TextureFormat;
+
 /// The longest list of levels.
 pub(super) const MAX_LEVELS: usize = 8;
 
@@ -215,16 +217,6 @@ impl Value for Resolution {
             Self::Auto => None,
         }
     }
-}
-
-/// How colours are stored in the output.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-pub enum TextureFormat {
-    /// Without loss.
-    #[default]
-    Png,
-    /// With loss, for images without alpha; from 1, the smallest, to 100, the best.
-    Jpeg(u32),
 }
 
 impl Value for TextureFormat {

@@ -30,8 +30,9 @@ impl Importance {
     pub fn of(model: &Model, params: &ImportanceParams) -> Result<Option<Self>, Error> {
         let mut by_material = vec![1.0; model.materials.len()];
         for group in &params.materials {
-            let matcher =
-                group.matcher().ok_or_else(|| Error::Settings(format!("importance: '{}' is no glob", group.material)))?;
+            let matcher = group
+                .matcher()
+                .ok_or_else(|| Error::Settings(format!("importance: '{}' is no glob", group.material)))?;
             for (weight, material) in by_material.iter_mut().zip(&model.materials) {
                 if matcher.is_match(&material.name) {
                     *weight = group.weight;
@@ -101,7 +102,10 @@ mod tests {
 
     #[test]
     fn all_count_alike_by_default() {
-        assert_eq!(Importance::of(&squares(), &ImportanceParams { materials: Vec::new(), painted: 1.0 }).expect("sound"), None);
+        assert_eq!(
+            Importance::of(&squares(), &ImportanceParams { materials: Vec::new(), painted: 1.0 }).expect("sound"),
+            None
+        );
     }
 
     #[test]

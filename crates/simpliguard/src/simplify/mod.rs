@@ -147,9 +147,8 @@ impl<'a> Competition<'a> {
         let generated: Result<Vec<Vec<Shape>>, Error> = candidates.par_iter().map(|&c| (self.generate)(c)).collect();
         self.inputs.cancellation.check(asset)?;
         let budgets = &self.params.budgets;
-        let in_budget = |(budget, shape): &(usize, Shape)| {
-            (1..=budgets[*budget] as usize).contains(&shape.mesh.triangles.len())
-        };
+        let in_budget =
+            |(budget, shape): &(usize, Shape)| (1..=budgets[*budget] as usize).contains(&shape.mesh.triangles.len());
         let by_budget =
             |shapes: Vec<Shape>| shapes.into_iter().enumerate().map(|(i, shape)| (i % budgets.len(), shape));
         let mut shapes: Vec<(usize, Shape)> = generated?.into_iter().flat_map(by_budget).filter(in_budget).collect();

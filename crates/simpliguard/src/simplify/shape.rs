@@ -50,7 +50,9 @@ impl fmt::Display for Shortfall {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
             Self::VisibleFaces => "the visible surface of the source has no more faces",
-            Self::Components => "small components vanish several faces at a time, and the next face would be one too many",
+            Self::Components => {
+                "small components vanish several faces at a time, and the next face would be one too many"
+            }
             Self::JointPlanes => "faces were kept free for the joint planes, which add fewer",
             Self::Leaves => "there are too few leaves for more cards",
         })

@@ -61,7 +61,7 @@ mod tests {
     use glam::Vec3;
 
     use super::*;
-    use crate::animation::skeleton::tests::arm;
+    use crate::animation::arm;
 
     /// The arm with a triangle of area `areas[i]` on each of its joints.
     fn model(areas: [f32; 3]) -> Model {

@@ -203,7 +203,7 @@ fn pieces(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::animation::skeleton::tests::arm;
+    use crate::animation::arm;
     use crate::geometry::Topology;
 
     /// A tube of square section along x from 0 to 2 around the arm, `rings` rings of four vertices, open at the ends;

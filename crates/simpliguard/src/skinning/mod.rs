@@ -87,7 +87,12 @@ pub struct SkinningParams {
 
 /// Influences of each vertex of a level in the rest pose: transferred from the source, moved to the bones that are left,
 /// and fitted to the poses. Empty for a model without bones.
-pub fn skin(source: &SkinSource<'_>, poses: Option<&Poses<'_>>, mesh: &TriMesh, params: &SkinningParams) -> Vec<Influences> {
+pub fn skin(
+    source: &SkinSource<'_>,
+    poses: Option<&Poses<'_>>,
+    mesh: &TriMesh,
+    params: &SkinningParams,
+) -> Vec<Influences> {
     let (mut influences, _) = transfer(source, mesh, &mesh.vertex_normals(), params.transfer);
     if let Some(remap) = BoneRemap::of(source.model, mesh.triangles.len(), params.bone_faces) {
         remap.fold(&mut influences);

@@ -16,7 +16,11 @@ pub fn transfer_morphs(skin_source: &SkinSource<'_>, mesh: &TriMesh) -> Vec<Leve
     let moves = |target: &MorphTarget| -> Vec<Vec3> {
         let at = |hit: &Hit| {
             let parts = corner_weights(surface, hit.triangle as usize, hit.point);
-            surface.triangles[hit.triangle as usize].iter().zip(parts).map(|(&v, part)| target.of(v) * part).sum()
+            surface.triangles[hit.triangle as usize]
+                .iter()
+                .zip(parts)
+                .map(|(&v, part)| target.displacement(v) * part)
+                .sum()
         };
         closest.iter().map(|hit| hit.as_ref().map_or(Vec3::ZERO, at)).collect()
     };
@@ -44,8 +48,8 @@ mod tests {
     #[test]
     fn a_vertex_goes_as_far_as_the_point_it_lies_on() {
         // One triangle; the target lifts its second corner by two.
-        let moves = vec![(1, Vec3::Z * 2.0)];
-        let target = MorphTarget { name: "lift".into(), weight: 0.0, moves };
+        let displacements = vec![(1, Vec3::Z * 2.0)];
+        let target = MorphTarget { name: "lift".into(), weight: 0.0, displacements };
         let surface = Surface {
             positions: vec![Vec3::ZERO, Vec3::X, Vec3::Y],
             normals: vec![Vec3::Z; 3],

@@ -1,45 +1,42 @@
-//! Keeps a crown as dense as its source: leaves lie on their card at an angle and over one another, so that the card
-//! shows less of them than there is.
+//! Keeps a crown as dense as its source. Leaves lie on their card at an angle and overlap, so that the card shows a smaller
+//! area of them than there is.
 
-use super::Texel;
-use crate::data::{Cards, NO_CARD, TriMesh};
+use super::texel_map::TexelMap;
+use crate::data::{Cards, NO_CARD, Surface, TriMesh, area_vector};
 use crate::render::SurfaceSample;
 
 /// Most rings of texels that leaves grow by.
 const RINGS: usize = 3;
-/// Alpha from which a texel counts as leaf.
+/// Alpha from which on a texel counts as leaf.
 const OPAQUE: f32 = 0.5;
 
-/// Grows the leaves of each card, ring by ring, while their area stays below that of the source's leaves.
-pub fn keep_coverage(
+/// Grows the leaves of each card of `level`, ring by ring, while their area stays below that of the leaves of `source`.
+pub(super) fn keep_coverage(
     samples: &mut [Option<SurfaceSample>],
-    texels: &[Option<Texel>],
-    size: usize,
-    source: &TriMesh,
+    map: &TexelMap,
+    source: &Surface,
     level: &TriMesh,
     cards: &Cards,
 ) {
-    let area = |mesh: &TriMesh, groups: &[u32]| -> f64 {
-        let on_cards = groups.iter().enumerate().filter(|(_, g)| **g != NO_CARD);
-        on_cards.map(|(t, _)| 0.5 * f64::from(mesh.area_vector(t).length())).sum()
-    };
+    let TexelMap { size, texels } = map;
     let card = |i: usize| texels[i].map_or(NO_CARD, |t| cards.group[t.triangle as usize]);
     let card_texels = (0..texels.len()).filter(|&i| card(i) != NO_CARD).count();
-    let wanted =
-        area(source, &cards.source_group) / area(level, &cards.group).max(f64::MIN_POSITIVE) * card_texels as f64;
+    let leaf_area = area_of_groups(&cards.source_group, |t| source.triangles[t].map(|v| source.positions[v as usize]));
+    let card_area = area_of_groups(&cards.group, |t| level.corners(t)).max(f64::MIN_POSITIVE);
+    let desired = leaf_area / card_area * card_texels as f64;
     for _ in 0..RINGS {
         let is_leaf = |i: usize| samples[i].is_some_and(|s| s.color.w >= OPAQUE);
         let leaves = (0..texels.len()).filter(|&i| card(i) != NO_CARD && is_leaf(i)).count();
         let ring: Vec<(usize, usize)> = (0..texels.len())
             .filter(|&i| card(i) != NO_CARD && !is_leaf(i))
             .filter_map(|i| {
-                let beside = [i.checked_sub(1), Some(i + 1), i.checked_sub(size), Some(i + size)];
+                let beside = [i.checked_sub(1), Some(i + 1), i.checked_sub(*size), Some(i + size)];
                 let leaf = beside.into_iter().flatten().find(|&j| j < texels.len() && card(j) == card(i) && is_leaf(j));
                 Some((i, leaf?))
             })
             .collect();
-        // The ring that comes nearest to the area wanted is the last.
-        if leaves as f64 + 0.5 * ring.len() as f64 > wanted {
+        // The ring that comes nearest to the desired area is the last.
+        if leaves as f64 + 0.5 * ring.len() as f64 > desired {
             return;
         }
         for (i, leaf) in ring {
@@ -48,9 +45,16 @@ pub fn keep_coverage(
     }
 }
 
+/// Area of all triangles that belong to a card, given the group and the corners of each.
+fn area_of_groups(groups: &[u32], corners: impl Fn(usize) -> [glam::Vec3; 3]) -> f64 {
+    let on_cards = groups.iter().enumerate().filter(|(_, group)| **group != NO_CARD);
+    on_cards.map(|(t, _)| 0.5 * f64::from(area_vector(corners(t)).length())).sum()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::texture::Texel;
     use glam::{Vec3, Vec4};
 
     #[test]
@@ -62,6 +66,7 @@ mod tests {
             triangles: vec![[0, 1, 2], [0, 2, 3]],
         };
         let texels = vec![Some(Texel { triangle: 0, barycentric: Vec3::ZERO }); 81];
+        let map = TexelMap { size: 9, texels };
         let sample = |alpha| SurfaceSample {
             color: Vec4::new(1.0, 0.0, 0.0, alpha),
             glows: false,
@@ -75,7 +80,9 @@ mod tests {
         for (part, expected) in [(1.0f32, 1), (5.0, 5), (13.0, 13)] {
             let mut samples = vec![Some(sample(0.0)); 81];
             samples[40] = Some(sample(1.0));
-            keep_coverage(&mut samples, &texels, 9, &square((part / 81.0).sqrt()), &square(1.0), &cards);
+            let TriMesh { positions, triangles } = square((part / 81.0).sqrt());
+            let source = Surface { positions, triangles, ..Surface::default() };
+            keep_coverage(&mut samples, &map, &source, &square(1.0), &cards);
             let leaves = samples.iter().flatten().filter(|s| s.color.w > 0.5).count();
             assert_eq!(leaves, expected);
         }

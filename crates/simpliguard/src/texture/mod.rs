@@ -1,21 +1,25 @@
 //! Textures of a level.
 //!
-//! Each texel of the atlas stands for a point of the level. A ray along the level's normal finds what the source shows
-//! there ([`bake`]); this is the initial texture (in place of the paper's 3.3 splatting it also reaches what no view
-//! sees), and after the last vertex step the source of the normal, occlusion-roughness-metallic and emissive maps.
-//! Gutters around the charts are filled by dilation.
+//! Each texel of the atlas stands for a point of the level. A ray along the level's normal finds the source's surface
+//! there ([`Baker`]). These samples make the initial texture. Unlike the splatting of the paper's section 3.3, they also
+//! reach what no view sees. After the last vertex step the level is baked once more, for the normal,
+//! occlusion-roughness-metallic and emissive maps ([`pbr_maps`]). Dilation fills the gutters around the charts
+//! ([`crate::render::fill_unknown`]).
 
 mod bake;
 mod coverage;
-mod maps;
+mod encode;
+mod level_mesh;
+mod material;
+mod pbr_maps;
+mod probe;
+mod tangents;
 #[cfg(test)]
 mod tests;
 mod texel_map;
 
-pub use bake::bake;
-pub use coverage::keep_coverage;
-pub use maps::{Channels, Varying, level_material, level_mesh, maps};
-pub use texel_map::{Texel, dilate, fill, texel_map};
-
-/// Rings of texels filled around each chart.
-pub const GUTTER_STEPS: usize = 8;
+pub use bake::{BakeTarget, Baker};
+pub use level_mesh::level_mesh;
+pub use material::{MaterialStatistics, level_material};
+pub use pbr_maps::{Channels, pbr_maps};
+pub use texel_map::{Texel, TexelMap};

@@ -1,9 +1,9 @@
-//! What a flat level shows of a flat source in the same place, channel by channel.
+//! A flat level that is baked from a flat source in the same place, channel by channel.
 
 use glam::{Affine2, Vec2, Vec3, Vec4};
 use image::{Rgba, RgbaImage};
 
-use super::{Channels, bake, level_mesh, maps, texel_map};
+use super::{BakeTarget, Baker, Channels, TexelMap, level_mesh, pbr_maps};
 use crate::Cancellation;
 use crate::data::{Atlas, LevelTextures, Material, Model, Surface, Texture, TextureRef, TriMesh, Wrap, srgb_to_linear};
 use crate::geometry::{BoundingSphere, Bvh};
@@ -26,8 +26,8 @@ fn source(materials: [Material; 2], textures: Vec<Texture>) -> Model {
     Model { surface, materials: materials.to_vec(), textures, ..Model::empty("square") }
 }
 
-/// The same square of two triangles, over the whole texture.
-fn level() -> (TriMesh, Atlas) {
+/// The same square of two triangles, over the whole texture, image upright.
+pub(super) fn level() -> (TriMesh, Atlas) {
     let positions = vec![Vec3::ZERO, Vec3::X, Vec3::new(1.0, 1.0, 0.0), Vec3::Y];
     let triangles = vec![[0, 1, 2], [0, 2, 3]];
     let uv = |v: u32| Vec2::new(positions[v as usize].x, 1.0 - positions[v as usize].y);
@@ -38,9 +38,11 @@ fn level() -> (TriMesh, Atlas) {
 fn samples(model: &Model) -> Vec<Option<SurfaceSample>> {
     let (mesh, atlas) = level();
     let bvh = Bvh::new(&model.surface.positions, &model.surface.triangles);
-    let frame = BoundingSphere::around(&model.surface.positions);
-    let texels = texel_map(&atlas, SIZE);
-    bake(&SurfaceSampler::new(model), &bvh, &frame, &mesh, &atlas, &texels, SIZE, None, &Cancellation::default())
+    let bounding_sphere = BoundingSphere::around(&model.surface.positions);
+    let texels = TexelMap::new(&atlas, SIZE);
+    let target = BakeTarget { mesh: &mesh, atlas: &atlas, texels: &texels, cards: None };
+    let sampler = SurfaceSampler::new(model);
+    Baker { sampler: &sampler, bvh: &bvh, bounding_sphere }.bake(&target, &Cancellation::default())
 }
 
 /// The sample at a point of the square.
@@ -54,7 +56,8 @@ fn images(model: &Model) -> LevelTextures {
     let samples = samples(model);
     let base = vec![Vec4::ONE; SIZE * SIZE];
     let channels = Channels { normal: true, ..Channels::default() };
-    maps(&level_mesh(&mesh, &atlas, &[], &[], true), &texel_map(&atlas, SIZE), &samples, &base, SIZE, channels).0
+    let level = level_mesh(&mesh, &atlas, &[], &[], true);
+    pbr_maps(&level, &TexelMap::new(&atlas, SIZE), &samples, &base, channels).0
 }
 
 fn texture(width: u32, texels: &[[u8; 4]], wrap: Wrap, srgb: bool) -> Texture {

@@ -1,4 +1,4 @@
-//! Sets of texels, one row of 64-bit words per line.
+//! Sets of texels, stored row by row in 64-bit words.
 
 use glam::DVec2;
 
@@ -7,20 +7,22 @@ use glam::DVec2;
 pub(super) struct Bitmap {
     pub width: usize,
     pub height: usize,
+    /// Words per row.
     words: usize,
     bits: Vec<u64>,
 }
 
 impl Bitmap {
+    /// A grid without set bits.
     pub(super) fn new(width: usize, height: usize) -> Self {
         let words = width.div_ceil(64);
         Self { width, height, words, bits: vec![0; words * height] }
     }
 
-    /// Every cell that a triangle of either orientation touches; it must lie inside the grid.
+    /// Sets every cell that a triangle of either orientation touches. The triangle must lie inside the grid.
     pub(super) fn cover(&mut self, t: &[DVec2; 3]) {
         let (low, high) = (t[0].min(t[1]).min(t[2]), t[0].max(t[1]).max(t[2]));
-        // Truncation is the floor here: no coordinate is negative.
+        // No coordinate is negative, so truncation is the floor.
         let last = (high.y as usize).min(self.height.saturating_sub(1));
         for y in low.y as usize..=last {
             let (mut left, mut right) = (f64::INFINITY, f64::NEG_INFINITY);
@@ -61,7 +63,7 @@ impl Bitmap {
         None
     }
 
-    /// Set cells as `(from, to)` runs, row by row.
+    /// The set cells of each row as runs `(from, to)`.
     pub(super) fn runs(&self) -> Vec<Vec<(u32, u32)>> {
         (0..self.height).map(|y| self.row_runs(y).collect()).collect()
     }
@@ -76,7 +78,7 @@ impl Bitmap {
         longest.max(self.width - end)
     }
 
-    /// Runs of row `y`; cells beyond the width are clear.
+    /// The runs of set cells of row `y`; cells beyond the width are clear.
     fn row_runs(&self, y: usize) -> impl Iterator<Item = (u32, u32)> + '_ {
         let row = &self.bits[y * self.words..(y + 1) * self.words];
         // The first cell from `x` on whose bit differs from `flip`.
@@ -104,7 +106,7 @@ impl Bitmap {
     }
 }
 
-/// Abscissae of the part of segment `ab` between two heights.
+/// Abscissae of the ends of the piece of segment `ab` between two heights; `None` if there is no such piece.
 fn within_rows(a: DVec2, b: DVec2, low: f64, high: f64) -> Option<(f64, f64)> {
     let (a, b) = if a.y <= b.y { (a, b) } else { (b, a) };
     if b.y < low || a.y > high {
@@ -115,6 +117,7 @@ fn within_rows(a: DVec2, b: DVec2, low: f64, high: f64) -> Option<(f64, f64)> {
     Some((if a.y < low { at(low) } else { a.x }, upper))
 }
 
+/// Calls `each(word, mask)` for every word of a row that holds cells of `from..to`; the mask has those cells.
 fn for_words(from: usize, to: usize, mut each: impl FnMut(usize, u64)) {
     if from >= to {
         return;

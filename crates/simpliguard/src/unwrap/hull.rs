@@ -3,23 +3,23 @@
 use glam::DVec2;
 
 /// A bounding box that need not be parallel to the axes.
-pub(super) struct TurnedBox {
-    /// Unit direction of one side.
+pub(super) struct OrientedBox {
+    /// Unit direction of one of its sides.
     pub axis: DVec2,
     pub area: f64,
 }
 
 /// The bounding box of least area; one of its sides lies on the convex hull (Freeman and Shapira 1975).
-pub(super) fn smallest_box(points: &[DVec2]) -> TurnedBox {
+pub(super) fn smallest_box(points: &[DVec2]) -> OrientedBox {
     let hull = convex_hull(points);
-    let mut best = TurnedBox { axis: DVec2::X, area: f64::INFINITY };
+    let mut best = OrientedBox { axis: DVec2::X, area: f64::INFINITY };
     for i in 0..hull.len() {
         let Some(axis) = (hull[(i + 1) % hull.len()] - hull[i]).try_normalize() else { continue };
         let turned = hull.iter().map(|p| DVec2::new(axis.dot(*p), axis.perp_dot(*p)));
         let (low, high) = turned.fold((DVec2::INFINITY, DVec2::NEG_INFINITY), |(l, h), p| (l.min(p), h.max(p)));
         let area = (high - low).element_product();
         if area < best.area {
-            best = TurnedBox { axis, area };
+            best = OrientedBox { axis, area };
         }
     }
     best
@@ -54,7 +54,7 @@ mod tests {
     #[test]
     fn the_smallest_box_of_a_turned_rectangle_is_the_rectangle() {
         let (u, v) = (DVec2::new(0.6, 0.8), DVec2::new(-0.8, 0.6));
-        let TurnedBox { axis, area } = smallest_box(&[DVec2::ZERO, 3.0 * u, 3.0 * u + v, v, 1.5 * u + 0.5 * v]);
+        let OrientedBox { axis, area } = smallest_box(&[DVec2::ZERO, 3.0 * u, 3.0 * u + v, v, 1.5 * u + 0.5 * v]);
         assert!((area - 3.0).abs() < 1e-12);
         assert!(axis.dot(u).abs() > 1.0 - 1e-12 || axis.dot(v).abs() > 1.0 - 1e-12, "{axis}");
     }

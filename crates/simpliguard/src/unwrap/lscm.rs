@@ -2,41 +2,42 @@
 //!
 //! A triangle with flat corners `z_j` and complex texture coordinates `u_j` is mapped conformally iff
 //! `sum_j W_j u_j = 0` with `W_j = z_{j+2} - z_{j+1}`. The map minimises `sum_T |sum_j W_j u_j|^2 / d_T` (`d_T` twice
-//! the area), a Hermitian form in the `u_j`; the two boundary vertices farthest apart are pinned.
+//! the area), a Hermitian form in the `u_j`, with two boundary vertices pinned that lie far apart.
 //!
-//! The map is then evened out by a few local-global steps of an as-rigid-as-possible map (Liu et al. 2008), which
-//! trades some angle for area where charts are curved. The better of the two valid maps is used.
+//! A few local-global steps of an as-rigid-as-possible map (Liu et al. 2008) follow, which preserve area at the cost of
+//! angles where charts are curved. Of both maps, the valid one with less stretch is used.
 
 use glam::DVec2;
 
 use super::chart::Chart;
-use super::quality::{self, Limits};
+use super::half_edge_mesh::HalfEdgeMesh;
+use super::quality::{self, StretchLimit};
 use super::solver::{Envelope, conj_mul, mul, ordering};
-use super::surface::{Surface, doubled_area};
+use crate::geometry::doubled_area;
 
-/// Local-global steps; the stretch hardly falls after these.
+/// Local-global steps; the stretch hardly falls after that many.
 const RIGID_STEPS: usize = 6;
 
-/// Vertex positions of a disc laid flat with all triangles counter-clockwise, no overlap and bounded stretch; `None`
-/// where there is no such map.
-pub(super) fn parametrise(surface: &Surface, chart: &Chart, limits: &Limits) -> Option<Vec<DVec2>> {
+/// Vertex positions of a disc laid flat, with all triangles counter-clockwise, no overlap and limited stretch; `None`
+/// if neither map has these properties or the chart is not a disc.
+pub(super) fn parametrise(mesh: &HalfEdgeMesh, chart: &Chart, limit: StretchLimit) -> Option<Vec<DVec2>> {
     let boundary = chart.boundary.as_ref()?;
     if let [face] = chart.faces[..] {
         let mut uv = vec![DVec2::ZERO; 3];
         for k in 0..3 {
-            uv[chart.corners[0][k] as usize] = surface.flat[face as usize][k];
+            uv[chart.corners[0][k] as usize] = mesh.flat[face as usize][k];
         }
         return Some(uv);
     }
-    let system = System::new(surface, chart);
-    let conformal = system.conformal(farthest_pair(surface, chart, boundary))?;
+    let system = ChartSystem::new(mesh, chart);
+    let conformal = system.conformal(farthest_pair(mesh, chart, boundary))?;
     let rigid = system.rigid(&conformal);
     let mut best: Option<(f64, Vec<DVec2>)> = None;
     for mut uv in [Some(conformal), rigid].into_iter().flatten() {
-        if let Some(stretch) = quality::even_out(surface, chart, &mut uv)
-            && stretch <= limits.stretch
+        if let Some(stretch) = quality::even_out(mesh, chart, &mut uv)
+            && stretch <= limit.0
             && best.as_ref().is_none_or(|(least, _)| stretch < *least)
-            && quality::is_valid(surface, chart, boundary, &uv)
+            && quality::is_valid(mesh, chart, boundary, &uv)
         {
             best = Some((stretch, uv));
         }
@@ -44,18 +45,20 @@ pub(super) fn parametrise(surface: &Surface, chart: &Chart, limits: &Limits) -> 
     best.map(|(_, uv)| uv)
 }
 
-struct System<'a> {
+/// The equations of the maps of one chart.
+struct ChartSystem<'a> {
     chart: &'a Chart,
     /// Flat corners of each face of the chart.
     flat: Vec<[DVec2; 3]>,
+    /// Position of each vertex in the order of elimination.
     position: Vec<u32>,
 }
 
-impl<'a> System<'a> {
-    fn new(surface: &Surface, chart: &'a Chart) -> Self {
+impl<'a> ChartSystem<'a> {
+    fn new(mesh: &HalfEdgeMesh, chart: &'a Chart) -> Self {
         Self {
             chart,
-            flat: chart.faces.iter().map(|&f| surface.flat[f as usize]).collect(),
+            flat: chart.faces.iter().map(|&f| mesh.flat[f as usize]).collect(),
             position: ordering(chart.vertices, &chart.corners),
         }
     }
@@ -86,7 +89,7 @@ impl<'a> System<'a> {
         Some(self.gather(&row, &rhs, |v| pinned(v).unwrap_or_default()))
     }
 
-    /// An as-rigid-as-possible map from the start `uv`.
+    /// The as-rigid-as-possible map after [`RIGID_STEPS`] steps from `uv`.
     fn rigid(&self, uv: &[DVec2]) -> Option<Vec<DVec2>> {
         let row = self.rows_without(&[0]);
         let mut matrix = self.empty_matrix(&row);
@@ -111,7 +114,7 @@ impl<'a> System<'a> {
         Some(uv)
     }
 
-    /// Right-hand side of the global step: each triangle's flat edges turned to fit `uv` best.
+    /// The right-hand side of the global step: the flat edges of each triangle, rotated to fit `uv` best.
     fn rotated_edges(&self, row: &[Option<usize>], uv: &[DVec2]) -> Vec<DVec2> {
         let mut rhs = vec![DVec2::ZERO; self.chart.vertices - 1];
         for (corners, z) in self.chart.corners.iter().zip(&self.flat) {
@@ -119,9 +122,9 @@ impl<'a> System<'a> {
             let edge = |k: usize| z[(k + 2) % 3] - z[(k + 1) % 3];
             let image = |k: usize| uv[corners[(k + 2) % 3] as usize] - uv[corners[(k + 1) % 3] as usize];
             let fit = (0..3).fold(DVec2::ZERO, |sum, k| sum + conj_mul(edge(k), image(k)) * weights[k]);
-            let turn = fit.try_normalize().unwrap_or(DVec2::X);
+            let rotation = fit.try_normalize().unwrap_or(DVec2::X);
             for (k, weight) in weights.into_iter().enumerate() {
-                let target = mul(turn, edge(k)) * weight;
+                let target = mul(rotation, edge(k)) * weight;
                 if let Some(r) = row[corners[(k + 2) % 3] as usize] {
                     rhs[r] += target;
                 }
@@ -144,6 +147,7 @@ impl<'a> System<'a> {
             .collect()
     }
 
+    /// A zero matrix with the envelope of the chart's edges.
     fn empty_matrix(&self, row: &[Option<usize>]) -> Envelope {
         let mut first: Vec<usize> = (0..row.iter().flatten().count()).collect();
         for corners in &self.chart.corners {
@@ -156,6 +160,7 @@ impl<'a> System<'a> {
         Envelope::new(first)
     }
 
+    /// The values by vertex: from its row, or `fixed` if it has none.
     fn gather(&self, row: &[Option<usize>], values: &[DVec2], fixed: impl Fn(u32) -> DVec2) -> Vec<DVec2> {
         row.iter().enumerate().map(|(v, r)| r.map_or_else(|| fixed(v as u32), |r| values[r])).collect()
     }
@@ -171,11 +176,11 @@ fn cotangents(z: &[DVec2; 3]) -> [f64; 3] {
 }
 
 /// Two boundary vertices far apart in space, and where to pin them.
-fn farthest_pair(surface: &Surface, chart: &Chart, boundary: &[u32]) -> [(u32, DVec2); 2] {
+fn farthest_pair(mesh: &HalfEdgeMesh, chart: &Chart, boundary: &[u32]) -> [(u32, DVec2); 2] {
     let mut place = vec![glam::DVec3::ZERO; chart.vertices];
     for (corners, &f) in chart.corners.iter().zip(&chart.faces) {
         for k in 0..3 {
-            place[corners[k] as usize] = surface.corners[f as usize][k];
+            place[corners[k] as usize] = mesh.corners[f as usize][k];
         }
     }
     let farthest_from = |from: u32| {
@@ -200,11 +205,11 @@ mod tests {
     #[test]
     fn flat_and_unrolled_charts_keep_their_shape_exactly() {
         for (mesh, faces) in [(cube(), vec![0, 1]), (cylinder(24), (0..24).collect::<Vec<u32>>())] {
-            let surface = Surface::new(&mesh, None);
-            let chart = Chart::new(&surface, faces);
-            let uv = parametrise(&surface, &chart, &Limits { stretch: 1.001 }).expect("developable");
+            let mesh = HalfEdgeMesh::new(&mesh, None);
+            let chart = Chart::new(&mesh, faces);
+            let uv = parametrise(&mesh, &chart, StretchLimit(1.001)).expect("developable");
             for (i, &f) in chart.faces.iter().enumerate() {
-                let (t, z) = (chart.triangle(&uv, i), surface.flat[f as usize]);
+                let (t, z) = (chart.triangle(&uv, i), mesh.flat[f as usize]);
                 for k in 0..3 {
                     let lengths = [t, z].map(|p| p[k].distance(p[(k + 1) % 3]));
                     assert!((lengths[0] - lengths[1]).abs() < 1e-6, "{lengths:?}");
@@ -220,12 +225,12 @@ mod tests {
             positions: vec![glam::Vec3::ZERO, glam::Vec3::X, glam::Vec3::Y, glam::Vec3::new(1.0, 1.0, 1.0)],
             triangles: vec![[0, 1, 2], [2, 1, 3]],
         };
-        let surface = Surface::new(&mesh, None);
-        let chart = Chart::new(&surface, vec![0, 1]);
+        let mesh = HalfEdgeMesh::new(&mesh, None);
+        let chart = Chart::new(&mesh, vec![0, 1]);
         let boundary = chart.boundary.clone().expect("disc");
-        let uv = System::new(&surface, &chart).conformal(farthest_pair(&surface, &chart, &boundary)).expect("solved");
+        let uv = ChartSystem::new(&mesh, &chart).conformal(farthest_pair(&mesh, &chart, &boundary)).expect("solved");
         for (i, corners) in chart.corners.iter().enumerate() {
-            let z = surface.flat[i];
+            let z = mesh.flat[i];
             let ratio = |k: usize| {
                 let image = uv[corners[(k + 1) % 3] as usize] - uv[corners[k] as usize];
                 conj_mul(z[(k + 1) % 3] - z[k], image) / z[k].distance_squared(z[(k + 1) % 3])

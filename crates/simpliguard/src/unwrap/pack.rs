@@ -1,105 +1,75 @@
 //! Places flat charts in the atlas.
 //!
-//! Each chart is turned to its smallest bounding box and rasterised: every cell it touches, so that charts on different
-//! cells cannot overlap at any resolution. Largest first, each goes to the lowest free place at any of the four quarter
-//! turns, tested against the cells taken so far (as xatlas does), with the gutter around it free. The strip is open
-//! upwards; the texel density is searched so that its height comes out as its width.
+//! Each chart is rotated so that its smallest bounding box is parallel to the axes. It takes every cell that it
+//! touches, so charts on different cells cannot overlap at any resolution. The charts are placed one by one, the
+//! largest first. Each goes to the lowest free place over the four quarter turns, tested against the cells taken so far
+//! (as xatlas does), with the gutter around it free. The strip is open upwards; the texel density is searched so that
+//! the height of the strip equals its width.
 
 use glam::DVec2;
 
-use super::UnwrapParams;
 use super::chart::FlatChart;
+use super::half_edge_mesh::HalfEdgeMesh;
+use super::params::UnwrapParams;
 use super::piece::{Piece, Stamp};
 use super::strip::Strip;
-use super::surface::Surface;
+use super::texel_grid::TexelGrid;
 use crate::Cancellation;
 
-/// Trials of the density search, and how many of them are near the first.
+/// Most trials of the density search.
 const TRIALS: usize = 40;
+
+/// Number of trials in fine steps; coarse steps follow.
 const FINE_TRIALS: usize = 16;
 
-/// First density tried, relative to that of the secant step.
+/// Density of the first trial, relative to that of the secant step.
 const HEADROOM: f64 = 1.06;
 
-/// Part of the atlas aimed at in the first trial.
+/// Fraction of the atlas that the first trial aims to fill.
 const FIRST_FILL: f64 = 0.75;
 
-/// The same where gutters take nearly all of it.
+/// The same where the gutters take nearly the whole atlas.
 const LEAST_FIRST_FILL: f64 = 0.02;
 
 /// Densities tried at full resolution, relative to the one found at half.
 const TIGHTER: [f64; 3] = [1.03, 1.02, 1.01];
 
-/// Number of pieces up to which several orders are tried.
+/// Number of charts up to which several orders are tried.
 const FEW: usize = 64;
 
-/// Side below which no coarser grid is searched.
-const LEAST_COARSE_SIDE: usize = 256;
-
-/// Least area of a chart in texels.
-const LEAST_TEXELS: f64 = 1.0;
-
-/// Where the charts lie.
+/// The positions of the charts in the atlas.
 pub(super) struct Layout {
-    /// For each chart the position of each of its vertices, fractions of the atlas side.
+    /// The position of each vertex of each chart, as fractions of the atlas side.
     pub uv: Vec<Vec<DVec2>>,
     /// Atlas sides per unit of the surface.
     pub density: f64,
 }
 
-/// The square grid in which charts are placed.
-#[derive(Clone, Copy)]
-pub(super) struct Grid {
-    pub side: usize,
-    /// Cells between charts.
-    pub gutter: usize,
-    /// Cells between a chart and the border.
-    pub border: usize,
-    /// Least area of a chart in cells.
-    pub least_area: f64,
-}
-
-impl Grid {
-    pub(super) fn new(side: usize, gutter: usize) -> Self {
-        Self { side, gutter, border: gutter.div_ceil(2), least_area: LEAST_TEXELS }
-    }
-
-    /// The grid of cells twice as wide; what fits there fits here.
-    fn halved(self) -> Option<Self> {
-        (self.side.is_multiple_of(2) && self.side >= LEAST_COARSE_SIDE).then(|| Self {
-            side: self.side / 2,
-            gutter: self.gutter.div_ceil(2),
-            border: self.border.div_ceil(2),
-            least_area: 0.25 * self.least_area,
-        })
-    }
-}
-
-/// Places all charts. Never fails: where the gutters leave no room they are given up, then cells are halved. None are placed
-/// if cancelled.
+/// Places all charts. It never fails: where the gutters leave no room they shrink to nothing, then the cells are
+/// halved. No chart is placed if cancelled.
 pub(super) fn pack(
-    surface: &Surface,
+    mesh: &HalfEdgeMesh,
     charts: &[FlatChart],
     params: &UnwrapParams,
     cancellation: &Cancellation,
 ) -> Layout {
-    let pieces: Vec<Piece> = charts.iter().map(|c| Piece::new(surface, c)).collect();
-    let mut grid = Grid::new(params.size.max(1) as usize, params.gutter as usize);
+    let pieces: Vec<Piece> = charts.iter().map(|c| Piece::new(mesh, c)).collect();
+    let mut grid = TexelGrid::new(params.size.max(1) as usize, params.gutter as usize);
     while !pieces.is_empty() && !cancellation.is_cancelled() {
         if let Some(layout) = densest(&pieces, grid, cancellation) {
             return layout;
         }
         grid = match grid.gutter {
-            0 => Grid::new(2 * grid.side, 0),
-            g => Grid::new(grid.side, g / 2),
+            0 => TexelGrid::new(2 * grid.side, 0),
+            g => TexelGrid::new(grid.side, g / 2),
         };
     }
     Layout { uv: Vec::new(), density: 0.0 }
 }
 
-/// The densest layout found over the orders. It is searched with cells of twice the width, which takes a quarter of the
-/// time, and then tightened.
-fn densest(pieces: &[Piece], grid: Grid, cancellation: &Cancellation) -> Option<Layout> {
+/// The densest layout found over the orders. The search uses cells of twice the width, which takes a quarter of the
+/// time; then higher densities are tried with the cells of `grid`.
+fn densest(pieces: &[Piece], grid: TexelGrid, cancellation: &Cancellation) -> Option<Layout> {
     let orders = orders(pieces);
     let Some((found, order)) = grid.halved().and_then(|coarse| search(pieces, &orders, coarse, cancellation)) else {
         return search(pieces, &orders, grid, cancellation).map(|(layout, _)| layout);
@@ -108,8 +78,8 @@ fn densest(pieces: &[Piece], grid: Grid, cancellation: &Cancellation) -> Option<
     Some(tighter.map_or(found, |(layout, _)| layout))
 }
 
-/// Orders in which to place the pieces, largest first by area of the bounding box, and while there are few also by its
-/// longer and shorter side.
+/// Orders in which to place the charts, largest first: by the area of the bounding box and, for few charts, also by its
+/// longer and by its shorter side.
 fn orders(pieces: &[Piece]) -> Vec<Vec<usize>> {
     let keys: [fn(DVec2) -> f64; 3] = [DVec2::element_product, DVec2::max_element, DVec2::min_element];
     let wanted = if pieces.len() <= FEW { 3 } else { 1 };
@@ -121,12 +91,12 @@ fn orders(pieces: &[Piece]) -> Vec<Vec<usize>> {
     keys[..wanted].iter().map(sorted).collect()
 }
 
-/// The densest layout over `orders` and its order. The height of the strip does not rise evenly with the density, so a
-/// secant step only finds the neighbourhood, which is then searched downwards.
+/// The densest layout over `orders` and its order. The height of the strip is no monotonic function of the density, so
+/// a secant step only finds a start, from which lower densities are tried.
 fn search<'a>(
     pieces: &[Piece],
     orders: &'a [Vec<usize>],
-    grid: Grid,
+    grid: TexelGrid,
     cancellation: &Cancellation,
 ) -> Option<(Layout, &'a [usize])> {
     let mut start = first_density(pieces, grid);
@@ -154,8 +124,9 @@ fn search<'a>(
     best
 }
 
-/// The density at which all pieces, each with the gutter on two sides, come to the part of the atlas aimed at first.
-fn first_density(pieces: &[Piece], grid: Grid) -> f64 {
+/// The density at which all charts, each with the gutter on two sides, take the fraction of the atlas that the first
+/// trial aims to fill.
+fn first_density(pieces: &[Piece], grid: TexelGrid) -> f64 {
     let gutter = grid.gutter as f64 / grid.side as f64;
     let (mut area, mut sides) = (0.0, 0.0);
     for piece in pieces {
@@ -167,7 +138,7 @@ fn first_density(pieces: &[Piece], grid: Grid) -> f64 {
 }
 
 /// The layout at `density` atlas sides per unit and its height in atlas sides; `None` if that is above `limit`.
-fn layout(pieces: &[Piece], order: &[usize], density: f64, grid: Grid, limit: f64) -> Option<(Layout, f64)> {
+fn layout(pieces: &[Piece], order: &[usize], density: f64, grid: TexelGrid, limit: f64) -> Option<(Layout, f64)> {
     let side = grid.side as f64;
     let (height, places) = place_all(pieces, order, density * side, grid, (limit * side) as usize)?;
     let at = |(piece, place): (&Piece, Place)| {
@@ -179,7 +150,7 @@ fn layout(pieces: &[Piece], order: &[usize], density: f64, grid: Grid, limit: f6
     Some((Layout { uv, density }, height as f64 / side))
 }
 
-/// Cell of a chart's lower corner, and its quarter turns.
+/// The cell of a chart's lower corner, and its number of quarter turns.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 struct Place {
     x: usize,
@@ -187,9 +158,15 @@ struct Place {
     turn: usize,
 }
 
-/// Places every piece at `density` cells per unit; the height reached, borders included, and the places. `None` once it
-/// would pass `limit`.
-fn place_all(pieces: &[Piece], order: &[usize], density: f64, grid: Grid, limit: usize) -> Option<(usize, Vec<Place>)> {
+/// Places every chart at `density` cells per unit. The result is the height of the strip with its borders, and the
+/// places; `None` if the height would exceed `limit`.
+fn place_all(
+    pieces: &[Piece],
+    order: &[usize],
+    density: f64,
+    grid: TexelGrid,
+    limit: usize,
+) -> Option<(usize, Vec<Place>)> {
     let stamps: Vec<[Stamp; 4]> = pieces.iter().map(|p| p.stamps(density, grid)).collect();
     let mut strip = Strip::new(grid);
     let mut places = vec![Place::default(); pieces.len()];
@@ -222,7 +199,7 @@ mod tests {
 
     #[test]
     fn charts_keep_the_gutter_between_them_and_half_of_it_to_the_border() {
-        let grid = Grid::new(32, 4);
+        let grid = TexelGrid::new(32, 4);
         let pieces = [square(9.5), square(9.5), square(9.5), square(9.5)];
         let (height, places) = place_all(&pieces, &[0, 1, 2, 3], 1.0, grid, 32).expect("fits");
         let corners: Vec<(usize, usize)> = places.iter().map(|p| (p.x, p.y)).collect();
@@ -232,8 +209,11 @@ mod tests {
 
     #[test]
     fn four_equal_squares_fill_the_atlas() {
-        let layout =
-            densest(&[square(1.0), square(1.0), square(1.0), square(1.0)], Grid::new(64, 0), &Cancellation::default());
+        let layout = densest(
+            &[square(1.0), square(1.0), square(1.0), square(1.0)],
+            TexelGrid::new(64, 0),
+            &Cancellation::default(),
+        );
         assert!(layout.expect("fits").density * 64.0 > 31.0);
     }
 }

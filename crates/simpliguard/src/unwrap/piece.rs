@@ -1,19 +1,19 @@
-//! Charts as the packer handles them: turned to their smallest bounding box, and rasterised.
+//! Charts for the packer: rotated so that their smallest bounding box is parallel to the axes, and rasterised.
 
 use glam::DVec2;
 
 use super::bitmap::Bitmap;
 use super::chart::FlatChart;
+use super::half_edge_mesh::HalfEdgeMesh;
 use super::hull::smallest_box;
-use super::pack::Grid;
-use super::surface::Surface;
+use super::texel_grid::TexelGrid;
 
 /// A chart to place.
 pub(super) struct Piece {
-    /// Vertices upright and after a quarter turn, the sides of the smallest bounding box parallel to the axes and its
-    /// lower corner at the origin.
+    /// Vertices without and with a quarter turn. The sides of the smallest bounding box are parallel to the axes, and
+    /// its lower corner is the origin.
     points: [Vec<DVec2>; 2],
-    /// Sides of both bounding boxes.
+    /// Sides of the bounding box without and with a quarter turn.
     pub extent: [DVec2; 2],
     corners: Vec<[u32; 3]>,
     /// Area times squared density.
@@ -24,31 +24,33 @@ pub(super) struct Piece {
 pub(super) struct Stamp {
     /// Cells taken.
     pub cells: Vec<Runs>,
-    /// Cells that must be free, shifted by the gutter.
+    /// Cells that must be free: those within the gutter of a cell taken. Rows and columns are shifted by the gutter.
     pub keep_free: Vec<Runs>,
     /// Longest run of each row of `keep_free`.
     pub widest: Vec<usize>,
-    /// Rows of `keep_free` in the order that finds collisions soonest.
+    /// Rows of `keep_free` in the order that tends to find a collision first.
     pub order: Vec<usize>,
     pub width: usize,
     pub height: usize,
 }
 
-/// Set cells of a row, `from..to`.
+/// Runs `from..to` of set cells of a row.
 type Runs = Vec<(u32, u32)>;
 
 impl Piece {
-    pub(super) fn new(surface: &Surface, flat: &FlatChart) -> Self {
+    /// A chart to place.
+    pub(super) fn new(mesh: &HalfEdgeMesh, flat: &FlatChart) -> Self {
         let (mut area, mut wanted) = (0.0, 0.0);
         for &f in &flat.chart.faces {
-            area += surface.area[f as usize];
-            wanted += surface.area[f as usize] * surface.density[f as usize] * surface.density[f as usize];
+            area += mesh.area[f as usize];
+            wanted += mesh.area[f as usize] * mesh.density[f as usize] * mesh.density[f as usize];
         }
         let axis = smallest_box(&flat.uv).axis * (wanted / area).sqrt();
         let upright = flat.uv.iter().map(|p| DVec2::new(axis.dot(*p), axis.perp_dot(*p))).collect();
         Self::of(upright, flat.chart.corners.clone(), wanted)
     }
 
+    /// A piece from vertices whose smallest bounding box is parallel to the axes.
     pub(super) fn of(upright: Vec<DVec2>, corners: Vec<[u32; 3]>, area: f64) -> Self {
         let turned = upright.iter().map(|p| p.perp()).collect();
         let points = [upright, turned].map(|points| {
@@ -59,26 +61,26 @@ impl Piece {
         Self { points, extent, corners, area }
     }
 
-    /// Cells per unit of this piece: `density`, more for a piece below the least area.
-    fn scale(&self, density: f64, grid: Grid) -> f64 {
+    /// Cells per unit of this piece: `density`, or more if the piece would be below the least area.
+    fn scale(&self, density: f64, grid: TexelGrid) -> f64 {
         density.max((grid.least_area / self.area.max(f64::MIN_POSITIVE)).sqrt())
     }
 
-    /// Cells of the bounding box.
+    /// Width and height of the bounding box in cells.
     fn cells(&self, turn: usize, scale: f64) -> (usize, usize) {
         let extent = self.extent[turn % 2] * scale;
         (extent.x as usize + 1, extent.y as usize + 1)
     }
 
-    /// Rasters after 0, 1, 2 and 3 quarter turns; the last two mirror the first two cell by cell.
-    pub(super) fn stamps(&self, density: f64, grid: Grid) -> [Stamp; 4] {
+    /// Rasters after 0, 1, 2 and 3 quarter turns. The last two are the first two, rotated by half a turn cell by cell.
+    pub(super) fn stamps(&self, density: f64, grid: TexelGrid) -> [Stamp; 4] {
         let [upright, turned] = [0, 1].map(|turn| self.stamp(density, turn, grid));
         let opposite = [upright.half_turned(grid.gutter), turned.half_turned(grid.gutter)];
         let [upside_down, turned_back] = opposite;
         [upright, turned, upside_down, turned_back]
     }
 
-    fn stamp(&self, density: f64, turn: usize, grid: Grid) -> Stamp {
+    fn stamp(&self, density: f64, turn: usize, grid: TexelGrid) -> Stamp {
         let scale = self.scale(density, grid);
         let (width, height) = self.cells(turn, scale);
         let mut map = Bitmap::new(width, height);
@@ -89,7 +91,7 @@ impl Piece {
     }
 
     /// The vertices in cells after `turn` quarter turns, with the lower corner of the stamp at `corner`.
-    pub(super) fn points_at(&self, density: f64, turn: usize, corner: DVec2, grid: Grid) -> Vec<DVec2> {
+    pub(super) fn points_at(&self, density: f64, turn: usize, corner: DVec2, grid: TexelGrid) -> Vec<DVec2> {
         let scale = self.scale(density, grid);
         let (width, height) = self.cells(turn, scale);
         let opposite = corner + DVec2::new(width as f64, height as f64);
@@ -150,7 +152,7 @@ mod tests {
     fn every_turn_covers_the_cells_of_its_points() {
         let points = vec![DVec2::ZERO, DVec2::new(7.3, 0.4), DVec2::new(2.2, 4.9)];
         let piece = Piece::of(points, vec![[0, 1, 2]], 17.0);
-        let grid = Grid::new(64, 2);
+        let grid = TexelGrid::new(64, 2);
         for (turn, stamp) in piece.stamps(1.0, grid).iter().enumerate() {
             let at = piece.points_at(1.0, turn, DVec2::ZERO, grid);
             let mut map = Bitmap::new(stamp.width, stamp.height);

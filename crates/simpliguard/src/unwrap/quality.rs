@@ -1,9 +1,10 @@
-//! What makes a flat chart usable: no flip, no overlap, bounded stretch.
+//! The conditions of a valid flat chart: no flip, no overlap, limited stretch.
 
 use glam::DVec2;
 
 use super::chart::Chart;
-use super::surface::{Surface, doubled_area};
+use super::half_edge_mesh::HalfEdgeMesh;
+use crate::geometry::doubled_area;
 
 /// Least area of a face in its chart as a fraction of its area on the surface.
 const LEAST_AREA: f64 = 0.05;
@@ -11,41 +12,39 @@ const LEAST_AREA: f64 = 0.05;
 /// Least height of a face in its chart as a fraction of its longest side there.
 const LEAST_ASPECT: f64 = 1e-3;
 
-/// Bounds that a flat chart keeps.
-pub(super) struct Limits {
-    /// Largest L2 stretch.
-    pub stretch: f64,
-}
+/// Largest L2 stretch of a flat chart (Sander et al. 2001); 1 allows isometric charts only.
+#[derive(Clone, Copy)]
+pub(super) struct StretchLimit(pub f64);
 
 /// Scales `uv` to the chart's area on the surface and measures its L2 stretch; `None` if it has no area.
-pub(super) fn even_out(surface: &Surface, chart: &Chart, uv: &mut [DVec2]) -> Option<f64> {
+pub(super) fn even_out(mesh: &HalfEdgeMesh, chart: &Chart, uv: &mut [DVec2]) -> Option<f64> {
     let (mut laid, mut area) = (0.0, 0.0);
     for (i, &f) in chart.faces.iter().enumerate() {
         laid += 0.5 * doubled_area(&chart.triangle(uv, i));
-        area += surface.area[f as usize];
+        area += mesh.area[f as usize];
     }
     let scale = (area / laid).sqrt();
     if !scale.is_finite() || scale <= 0.0 {
         return None;
     }
     uv.iter_mut().for_each(|p| *p *= scale);
-    Some((stretch_energy(surface, chart, uv) / area).sqrt())
+    Some((stretch_energy(mesh, chart, uv) / area).sqrt())
 }
 
 /// Sum over faces of `area (s1^2 + s2^2) / 2`, where `s1, s2` are the singular values of the map from the texture to
 /// the surface (Sander et al. 2001); infinite where a face has no area.
-pub(super) fn stretch_energy(surface: &Surface, chart: &Chart, uv: &[DVec2]) -> f64 {
+pub(super) fn stretch_energy(mesh: &HalfEdgeMesh, chart: &Chart, uv: &[DVec2]) -> f64 {
     let energy = |(i, &f): (usize, &u32)| {
         let f = f as usize;
-        surface.area[f] * l2_squared(&chart.triangle(uv, i), &surface.flat[f])
+        mesh.area[f] * l2_squared(&chart.triangle(uv, i), &mesh.flat[f])
     };
     chart.faces.iter().enumerate().map(energy).sum()
 }
 
 /// The largest singular value of the map from the texture to the surface (Sander et al. 2001), over the faces; infinite
 /// where a face has no area.
-pub(super) fn worst_stretch(surface: &Surface, chart: &Chart, uv: &[DVec2]) -> f64 {
-    let largest = |(i, &f): (usize, &u32)| linf_squared(&chart.triangle(uv, i), &surface.flat[f as usize]);
+pub(super) fn worst_stretch(mesh: &HalfEdgeMesh, chart: &Chart, uv: &[DVec2]) -> f64 {
+    let largest = |(i, &f): (usize, &u32)| linf_squared(&chart.triangle(uv, i), &mesh.flat[f as usize]);
     chart.faces.iter().enumerate().map(largest).fold(0.0, f64::max).sqrt()
 }
 
@@ -62,7 +61,7 @@ fn linf_squared(t: &[DVec2; 3], z: &[DVec2; 3]) -> f64 {
     })
 }
 
-/// Derivatives of the map from `t` to `z` along both axes; `None` if `t` has no area or is turned over.
+/// Derivatives of the map from `t` to `z` along both axes; `None` if `t` has no area or is flipped.
 fn derivatives(t: &[DVec2; 3], z: &[DVec2; 3]) -> Option<[DVec2; 2]> {
     let doubled = doubled_area(t);
     let along_x = z[0] * (t[1].y - t[2].y) + z[1] * (t[2].y - t[0].y) + z[2] * (t[0].y - t[1].y);
@@ -70,19 +69,19 @@ fn derivatives(t: &[DVec2; 3], z: &[DVec2; 3]) -> Option<[DVec2; 2]> {
     (doubled > 0.0).then(|| [along_x, along_y].map(|d| d / doubled))
 }
 
-/// Whether the scaled map is injective with room to spare: every triangle counter-clockwise and the boundary free of
-/// crossings, which together suffice for a disc.
-pub(super) fn is_valid(surface: &Surface, chart: &Chart, boundary: &[u32], uv: &[DVec2]) -> bool {
+/// True if the scaled map is injective: every triangle is counter-clockwise, and the boundary does not cross itself.
+/// Both together suffice for a disc. The triangles must keep an area and a height with a margin.
+pub(super) fn is_valid(mesh: &HalfEdgeMesh, chart: &Chart, boundary: &[u32], uv: &[DVec2]) -> bool {
     let sound = |(i, &f): (usize, &u32)| {
         let t = chart.triangle(uv, i);
         let longest = (0..3).map(|k| t[k].distance_squared(t[(k + 1) % 3])).fold(0.0, f64::max);
         let doubled = doubled_area(&t);
-        doubled >= 2.0 * LEAST_AREA * surface.area[f as usize] && doubled >= LEAST_ASPECT * longest
+        doubled >= 2.0 * LEAST_AREA * mesh.area[f as usize] && doubled >= LEAST_ASPECT * longest
     };
     chart.faces.iter().enumerate().all(sound) && !crosses_itself(boundary.iter().map(|&v| uv[v as usize]).collect())
 }
 
-/// Whether any two sides of a closed polygon meet other than at a common corner.
+/// True if two sides of a closed polygon meet other than at a common corner.
 fn crosses_itself(polygon: Vec<DVec2>) -> bool {
     let n = polygon.len();
     let side = |i: usize| [polygon[i], polygon[(i + 1) % n]];
@@ -104,7 +103,7 @@ fn crosses_itself(polygon: Vec<DVec2>) -> bool {
     false
 }
 
-/// Whether two segments share a point, touching included.
+/// True if two segments share a point; touching counts.
 fn meet(a: [DVec2; 2], b: [DVec2; 2]) -> bool {
     let apart = |k: usize| a[0][k].max(a[1][k]) < b[0][k].min(b[1][k]) || b[0][k].max(b[1][k]) < a[0][k].min(a[1][k]);
     if apart(0) || apart(1) {

@@ -16,7 +16,8 @@ pub(super) fn conj_mul(a: DVec2, b: DVec2) -> DVec2 {
     DVec2::new(a.x * b.x + a.y * b.y, a.x * b.y - a.y * b.x)
 }
 
-/// Position of each vertex in a reverse Cuthill-McKee ordering of a connected or unconnected graph given as triangles.
+/// Position of each vertex in a reverse Cuthill-McKee ordering of the graph of the triangles' edges, which need not be
+/// connected.
 pub(super) fn ordering(vertices: usize, triangles: &[[u32; 3]]) -> Vec<u32> {
     let neighbours = adjacency(vertices, triangles);
     let mut order = Vec::with_capacity(vertices);
@@ -25,7 +26,7 @@ pub(super) fn ordering(vertices: usize, triangles: &[[u32; 3]]) -> Vec<u32> {
         if seen[v] {
             continue;
         }
-        // The last vertex of a breadth-first search is nearly as far from the others as any.
+        // The last vertex of a breadth-first search is a good start: few are farther from the other vertices.
         let start = breadth_first(&neighbours, v as u32, &mut seen.clone()).last().copied().unwrap_or(v as u32);
         order.extend(breadth_first(&neighbours, start, &mut seen));
     }
@@ -36,6 +37,7 @@ pub(super) fn ordering(vertices: usize, triangles: &[[u32; 3]]) -> Vec<u32> {
     position
 }
 
+/// The neighbours of each vertex in rising order.
 fn adjacency(vertices: usize, triangles: &[[u32; 3]]) -> Vec<Vec<u32>> {
     let mut neighbours = vec![Vec::new(); vertices];
     for t in triangles {
@@ -50,7 +52,7 @@ fn adjacency(vertices: usize, triangles: &[[u32; 3]]) -> Vec<Vec<u32>> {
     neighbours
 }
 
-/// Vertices reached from `start`, those of lower degree first within a step.
+/// The vertices reached from `start`, breadth first; of the new neighbours of a vertex, those of lower degree first.
 fn breadth_first(neighbours: &[Vec<u32>], start: u32, seen: &mut [bool]) -> Vec<u32> {
     let mut order = vec![start];
     seen[start as usize] = true;

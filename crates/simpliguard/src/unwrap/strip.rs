@@ -3,29 +3,30 @@
 use std::collections::BTreeMap;
 
 use super::bitmap::Bitmap;
-use super::pack::Grid;
 use super::piece::Stamp;
+use super::texel_grid::TexelGrid;
 
-/// Longest side in cells of a stamp whose search starts where that of the last alike ended.
+/// Longest side in cells of a small stamp. Its search starts where that of the last stamp of similar size ended.
 const SMALL: usize = 48;
 
-/// Cells taken, with a margin of the gutter on each side.
+/// The cells taken, with a margin of the gutter on each side.
 pub(super) struct Strip {
     taken: Bitmap,
     /// Longest free run of each row.
     gap: Vec<usize>,
-    /// Where the search for a small stamp of about one width and height ended last: below there is hardly room for
-    /// the next of its kind.
+    /// Height at which the search for a small stamp ended last, by approximate width and height of the stamp. Below it
+    /// there is hardly room for the next stamp of that size.
     reached: BTreeMap<(usize, usize), usize>,
-    grid: Grid,
+    grid: TexelGrid,
 }
 
 impl Strip {
-    pub(super) fn new(grid: Grid) -> Self {
+    /// A strip without cells taken.
+    pub(super) fn new(grid: TexelGrid) -> Self {
         Self { taken: Bitmap::new(grid.side + 2 * grid.gutter, 0), gap: Vec::new(), reached: BTreeMap::new(), grid }
     }
 
-    /// The lowest, then leftmost free place whose top is below `room`.
+    /// The corner of the lowest, then leftmost free place for a stamp whose top stays below `room`.
     pub(super) fn lowest(&mut self, stamp: &Stamp, room: usize) -> Option<(usize, usize)> {
         let border = self.grid.border;
         let rightmost = self.grid.side.checked_sub(border + stamp.width).filter(|&x| x >= border)?;
@@ -50,7 +51,7 @@ impl Strip {
         None
     }
 
-    /// The next abscissa worth trying if the stamp collides at `(x, y)`.
+    /// The next abscissa to try if the stamp collides at `(x, y)`; `None` if it does not collide.
     fn collision(&self, stamp: &Stamp, x: usize, y: usize) -> Option<usize> {
         stamp.order.iter().find_map(|&row| {
             stamp.keep_free[row].iter().find_map(|&(from, to)| {
@@ -73,6 +74,7 @@ impl Strip {
         }
     }
 
+    /// Appends free rows up to `height`.
     fn grow(&mut self, height: usize) {
         self.taken.grow(height);
         self.gap.resize(self.taken.height, self.taken.width);

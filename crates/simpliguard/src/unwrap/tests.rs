@@ -199,8 +199,8 @@ fn less_important_faces_get_fewer_texels() {
     let other = cube();
     mesh.positions.extend(other.positions.iter().map(|p| *p + 5.0));
     mesh.triangles.extend(other.triangles.iter().map(|t| t.map(|v| v + 8)));
-    let importance: Vec<f32> = (0..24).map(|f| if f < 12 { 1.0 } else { 0.25 }).collect();
-    let atlas = unwrap(&mesh, Some(&importance), &UnwrapParams::default(), &Cancellation::default());
+    let density: Vec<f32> = (0..24).map(|f| if f < 12 { 1.0 } else { 0.25 }).collect();
+    let atlas = unwrap(&mesh, Some(&density), &UnwrapParams::default(), &Cancellation::default());
     let area = |f: usize| 0.5 * (atlas.uvs[f][1] - atlas.uvs[f][0]).perp_dot(atlas.uvs[f][2] - atlas.uvs[f][0]);
     assert!((area(0) / area(12) - 16.0).abs() < 0.1, "{}", area(0) / area(12));
     let total: f32 = (0..12).map(area).sum();

@@ -1,4 +1,4 @@
-//! What each part of the chain is worth: bakes models with one part after the other switched off (SimpliGuard, Figures 8
+//! What each part of the pipeline is worth: bakes models with one part after the other switched off (SimpliGuard, Figures 8
 //! and 11), measures what the initial texture saves (Figure 9), and how time grows with the source (Figure 7).
 //!
 //! ```text

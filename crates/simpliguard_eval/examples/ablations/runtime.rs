@@ -14,8 +14,8 @@ use crate::{Arguments, say, sphere};
 const FACES: [usize; 5] = [10_000, 30_000, 100_000, 300_000, 1_000_000];
 
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Box<dyn Error>> {
-    // The clock counts reconstruction as part of the shape, and the model has no rig.
-    let timed = |id: &StageId| !matches!(id, StageId::Rig | StageId::Reconstruct);
+    // The model has no skeleton.
+    let timed = |id: &StageId| *id != StageId::Skinning;
     let stages: Vec<String> = STAGES.iter().map(|s| s.id).filter(timed).map(|id| id.to_string()).collect();
     say(&format!("| triangles | {}, s | whole bake, s | PSNR, dB |", stages.join(", s | ")));
     say(&format!("|{}", "---|".repeat(stages.len() + 3)));

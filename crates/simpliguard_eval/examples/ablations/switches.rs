@@ -1,4 +1,4 @@
-//! One part of the chain after the other is switched off, or an optional one on.
+//! One part of the pipeline after the other is switched off, or an optional one on.
 
 use std::error::Error;
 

@@ -1,8 +1,8 @@
 //! Exports of real models, with every n-th triangle as a level.
 //!
 //! Checks on the written bytes that skinning in the rest pose gives the level's world positions back. With
-//! `SIMPLIGUARD_EXPORT_DIR` set, all of `shared/assets/dev` is written there as `dev-<stem>.<form>.glb`, for the Khronos
-//! validator and for a comparison of posed frames.
+//! `SIMPLIGUARD_EXPORT_DIR` set, all of `shared/assets/dev` is written there as `dev-<stem>.<form>.glb`, for the
+//! Khronos validator and for a comparison of posed frames.
 
 use std::path::{Path, PathBuf};
 
@@ -11,10 +11,9 @@ use glam::{Mat4, Vec2, Vec3};
 use image::{Rgba, RgbaImage};
 
 use super::tests::Read;
-use super::{ExportOptions, SourceGeometry, export, export_level};
-use crate::data::{AlphaMode, Level, LevelMaterial, LevelMesh, LevelTextures, Model};
-use crate::gltf::{Limits, import};
-use crate::settings::TextureFormat;
+use super::{ExportParams, export, export_level};
+use crate::data::{AlphaMode, Level, LevelMaterial, LevelMesh, LevelTextures, Model, TextureFormat};
+use crate::gltf::{ImportLimits, import};
 use crate::{Error, RelativeUri, Resources, Source};
 
 const ASSETS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared/assets");
@@ -54,7 +53,7 @@ impl Resources for Beside<'_> {
 fn load(path: &Path) -> Result<Model, Error> {
     let bytes = std::fs::read(path).expect("readable");
     let source = Source { name: &flat_name(path), bytes: &bytes, resources: &Beside(path) };
-    import(&source, &Limits::default())
+    import(&source, &ImportLimits::default())
 }
 
 /// Every `step`-th triangle of the source, untextured.
@@ -124,10 +123,8 @@ fn rest_positions(model: &Model, read: &Read, node: usize) -> Vec<Vec3> {
 fn check(stem: &str, model: &Model) {
     let levels = [40, 20, 10].map(|step| sparse_level(model, step));
     let file = |form: &str, glb: &[u8]| Read::new(&format!("{stem}.{form}"), glb);
-    let options = ExportOptions::default();
-    let kept = file("kept", &export(model, &levels, &options).expect("exports"));
-    let options = ExportOptions { source: SourceGeometry::Drop, ..options };
-    file("dropped", &export(model, &levels, &options).expect("exports"));
+    let kept = file("kept", &export(model, &levels, &ExportParams::default()).expect("exports"));
+    file("dropped", &export(model, &levels, &ExportParams { keep_source: false }).expect("exports"));
     file("level", &export_level(model, &levels[2]).expect("exports"));
     let (low, high) = crate::data::bounds(&model.surface.positions);
     let ids: Vec<usize> = kept.json["nodes"]
@@ -180,10 +177,9 @@ fn whatever_the_import_takes_is_exported() {
         let name = flat_name(&path);
         let level = [sparse_level(&model, 1)];
         Read::new(&format!("{name}.level"), &export_level(&model, &level[0]).expect("exports"));
-        for source in [SourceGeometry::Keep, SourceGeometry::Drop] {
-            let options = ExportOptions { source, ..ExportOptions::default() };
-            let glb = export(&model, &level, &options).expect("exports");
-            Read::new(&format!("{name}.{source:?}"), &glb);
+        for (keep_source, source) in [(true, "Keep"), (false, "Drop")] {
+            let glb = export(&model, &level, &ExportParams { keep_source }).expect("exports");
+            Read::new(&format!("{name}.{source}"), &glb);
         }
     }
 }

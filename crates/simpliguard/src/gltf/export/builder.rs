@@ -2,15 +2,16 @@
 
 use serde_json::{Map, Value, json};
 
-use super::fault;
+use super::fault::fault;
+use crate::gltf::glb::{BIN_CHUNK, CHUNK_HEADER_BYTES, HEADER_BYTES, JSON_CHUNK, MAGIC, VERSION};
 use crate::{Error, StageId};
 
-/// Largest binary glTF: its length field has 32 bits.
+/// Size of the largest binary glTF: its length field has 32 bits.
 const MAX_BYTES: u64 = u32::MAX as u64;
 
-/// What a buffer view is bound to.
+/// The use of a buffer view on the GPU.
 #[derive(Clone, Copy, PartialEq, Eq)]
-pub(super) enum Target {
+pub(super) enum BufferTarget {
     Vertices,
     Indices,
     /// Images, animation and skin data.
@@ -68,7 +69,7 @@ impl Kind {
     }
 }
 
-/// JSON and binary chunk of a glTF whose data all lies in buffer 0.
+/// JSON and binary chunk of a glTF with all data in buffer 0.
 pub(super) struct Builder {
     /// Name of the asset, for messages.
     pub(super) asset: String,
@@ -84,7 +85,7 @@ impl Builder {
         self.json.get(kind.key()).and_then(Value::as_array).map_or(&[], Vec::as_slice)
     }
 
-    /// All objects of a kind; the array is made if it is missing.
+    /// All objects of a kind. A missing array is created.
     pub(super) fn all_mut(&mut self, kind: Kind) -> &mut Vec<Value> {
         let slot = self.json.entry(kind.key()).or_insert_with(|| json!([]));
         if !slot.is_array() {
@@ -101,13 +102,13 @@ impl Builder {
     }
 
     /// Appends a buffer view at a 4-byte boundary.
-    pub(super) fn push_view(&mut self, bytes: &[u8], target: Target) -> usize {
+    pub(super) fn push_view(&mut self, bytes: &[u8], target: BufferTarget) -> usize {
         let offset = append_aligned(&mut self.bin, bytes);
         let mut view = json!({ "buffer": 0, "byteOffset": offset, "byteLength": bytes.len() });
         match target {
-            Target::Vertices => view["target"] = json!(34962),
-            Target::Indices => view["target"] = json!(34963),
-            Target::None => {}
+            BufferTarget::Vertices => view["target"] = json!(34962),
+            BufferTarget::Indices => view["target"] = json!(34963),
+            BufferTarget::None => {}
         }
         self.push(Kind::BufferView, view)
     }
@@ -118,7 +119,7 @@ impl Builder {
         elements: &[T],
         component: Component,
         shape: &str,
-        target: Target,
+        target: BufferTarget,
     ) -> usize {
         let view = self.push_view(bytemuck::cast_slice(elements), target);
         let accessor =
@@ -141,6 +142,14 @@ impl Builder {
         self.json.get("scene").and_then(Value::as_u64).unwrap_or(0) as usize
     }
 
+    /// Writes the version of simpliguard to `asset.generator`. Copyright and other properties stay.
+    pub(super) fn stamp(&mut self, version: &str) {
+        let asset = self.json.entry("asset").or_insert_with(|| json!({ "version": "2.0" }));
+        if let Some(asset) = asset.as_object_mut() {
+            asset.insert("generator".into(), json!(format!("simpliguard {version}")));
+        }
+    }
+
     /// The binary glTF.
     pub(super) fn into_glb(mut self) -> Result<Vec<u8>, Error> {
         self.json.remove("buffers");
@@ -152,11 +161,11 @@ impl Builder {
             .map_err(|e| fault(&self.asset, format!("the JSON cannot be written: {e}")))?;
         json.resize(json.len().next_multiple_of(4), b' ');
         self.bin.resize(self.bin.len().next_multiple_of(4), 0);
-        let mut chunks = vec![(*b"JSON", json)];
+        let mut chunks = vec![(JSON_CHUNK, json)];
         if !self.bin.is_empty() {
-            chunks.push((*b"BIN\0", self.bin));
+            chunks.push((BIN_CHUNK, self.bin));
         }
-        let total = 12 + chunks.iter().map(|(_, data)| 8 + data.len()).sum::<usize>();
+        let total = HEADER_BYTES + chunks.iter().map(|(_, data)| CHUNK_HEADER_BYTES + data.len()).sum::<usize>();
         if total as u64 > MAX_BYTES {
             return Err(Error::Limit {
                 asset: self.asset,
@@ -167,12 +176,12 @@ impl Builder {
             });
         }
         let mut glb = Vec::with_capacity(total);
-        glb.extend_from_slice(b"glTF");
-        glb.extend_from_slice(&2u32.to_le_bytes());
+        glb.extend_from_slice(MAGIC);
+        glb.extend_from_slice(&VERSION.to_le_bytes());
         glb.extend_from_slice(&(total as u32).to_le_bytes());
         for (kind, data) in chunks {
             glb.extend_from_slice(&(data.len() as u32).to_le_bytes());
-            glb.extend_from_slice(&kind);
+            glb.extend_from_slice(&kind.to_le_bytes());
             glb.extend_from_slice(&data);
         }
         Ok(glb)
@@ -189,7 +198,7 @@ pub(super) enum Component {
     F32 = 5126,
 }
 
-/// Appends `bytes` at the next multiple of four and returns where.
+/// Appends `bytes` at the next multiple of four; returns that offset.
 pub(super) fn append_aligned(bin: &mut Vec<u8>, bytes: &[u8]) -> usize {
     let offset = bin.len().next_multiple_of(4);
     bin.resize(offset, 0);
@@ -208,7 +217,7 @@ pub(super) fn indices<'a>(object: &'a Value, key: &str) -> impl Iterator<Item = 
     all.iter().filter_map(Value::as_u64).filter_map(|i| usize::try_from(i).ok())
 }
 
-/// A factor, spelled as shortly as the `f32` allows.
+/// A factor with the shortest decimal digits that give the same `f32`.
 pub(super) fn number(x: f32) -> Value {
     x.to_string().parse::<f64>().map_or(Value::Null, Value::from)
 }

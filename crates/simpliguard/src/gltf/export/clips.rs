@@ -1,13 +1,13 @@
-//! Animations of a file whose source meshes were left out.
+//! Changes to the clips: lost targets, and morph weights of the levels.
 
 use serde_json::{Value, json};
 
-use super::builder::{Builder, Component, Kind, Target, index};
+use super::builder::{BufferTarget, Builder, Component, Kind, index};
 
-/// Drops the channels that have lost their target: morph weights of nodes for which `keeps_mesh` does not hold, and
-/// pointers into the document, whose indices have moved. A clip that is left with no channel keeps its place and
-/// length by holding `still_node` where it is, as glTF allows no empty clip.
-pub(super) fn drop_lost_channels(out: &mut Builder, keeps_mesh: impl Fn(usize) -> bool, still_node: usize) {
+/// Drops the channels that have lost their target: morph weights of nodes without `keeps_mesh`, and pointers into the
+/// document, whose indices have changed. A clip without any channel left keeps its index and its length: it holds
+/// `constant_node` at its place, since glTF allows no empty clip.
+pub(super) fn drop_lost_channels(out: &mut Builder, keeps_mesh: impl Fn(usize) -> bool, constant_node: usize) {
     for clip in 0..out.all(Kind::Animation).len() {
         let animation = &out.all(Kind::Animation)[clip];
         let channels = animation.get("channels").and_then(Value::as_array).cloned().unwrap_or_default();
@@ -17,7 +17,7 @@ pub(super) fn drop_lost_channels(out: &mut Builder, keeps_mesh: impl Fn(usize) -
         }
         let (channels, samplers) = if kept.is_empty() {
             let duration = duration(out, &out.all(Kind::Animation)[clip]);
-            (vec![still_channel(still_node)], vec![still_sampler(out, duration)])
+            (vec![constant_channel(constant_node)], vec![constant_sampler(out, duration)])
         } else {
             used_samplers(&out.all(Kind::Animation)[clip], kept)
         };
@@ -29,8 +29,8 @@ pub(super) fn drop_lost_channels(out: &mut Builder, keeps_mesh: impl Fn(usize) -
     }
 }
 
-/// Has clips that weight the morph targets of node `driver` weight those of `nodes` alike.
-pub(super) fn weight_alike(out: &mut Builder, driver: usize, nodes: &[usize]) {
+/// Copies the channels of morph weights of node `driver` to each of `nodes`.
+pub(super) fn copy_weight_channels(out: &mut Builder, driver: usize, nodes: &[usize]) {
     for animation in out.all_mut(Kind::Animation) {
         let Some(channels) = animation.get_mut("channels").and_then(Value::as_array_mut) else { continue };
         let drives = |channel: &&Value| {
@@ -46,12 +46,12 @@ pub(super) fn weight_alike(out: &mut Builder, driver: usize, nodes: &[usize]) {
     }
 }
 
-/// Whether any clip moves anything.
-pub(super) fn any(out: &Builder) -> bool {
+/// True if the document has clips.
+pub(super) fn has_clips(out: &Builder) -> bool {
     !out.all(Kind::Animation).is_empty()
 }
 
-/// The nodes whose transform some clip moves.
+/// The nodes whose transform a clip changes.
 pub(super) fn moved_nodes(out: &Builder) -> Vec<usize> {
     let channels = out.all(Kind::Animation).iter().filter_map(|a| a.get("channels")?.as_array()).flatten();
     channels.filter(|c| keeps_target(c, &|_| false)).filter_map(|c| index(c.get("target")?, "node")).collect()
@@ -66,7 +66,7 @@ fn keeps_target(channel: &Value, keeps_mesh: &impl Fn(usize) -> bool) -> bool {
     }
 }
 
-/// The samplers that `channels` use, and the channels pointing at their new places.
+/// The channels with new sampler indices, and the samplers that they use.
 fn used_samplers(animation: &Value, mut channels: Vec<Value>) -> (Vec<Value>, Vec<Value>) {
     let all = animation.get("samplers").and_then(Value::as_array).cloned().unwrap_or_default();
     let mut place = vec![None; all.len()];
@@ -82,7 +82,7 @@ fn used_samplers(animation: &Value, mut channels: Vec<Value>) -> (Vec<Value>, Ve
     (channels, samplers)
 }
 
-/// Last key of a clip in seconds.
+/// Time of a clip's last key, in seconds.
 fn duration(out: &Builder, animation: &Value) -> f64 {
     let samplers = animation.get("samplers").and_then(Value::as_array).map_or(&[][..], Vec::as_slice);
     samplers
@@ -91,18 +91,18 @@ fn duration(out: &Builder, animation: &Value) -> f64 {
         .fold(0.0, f64::max)
 }
 
-fn still_channel(node: usize) -> Value {
+fn constant_channel(node: usize) -> Value {
     json!({ "sampler": 0, "target": { "node": node, "path": "translation" } })
 }
 
-fn still_sampler(out: &mut Builder, duration: f64) -> Value {
+fn constant_sampler(out: &mut Builder, duration: f64) -> Value {
     let end = duration as f32;
     let times: &[f32] = if end > 0.0 { &[0.0, end] } else { &[0.0] };
-    let input = out.push_accessor(times, Component::F32, "SCALAR", Target::None);
+    let input = out.push_accessor(times, Component::F32, "SCALAR", BufferTarget::None);
     let bounds = &mut out.all_mut(Kind::Accessor)[input];
     bounds["min"] = json!([0.0]);
     bounds["max"] = json!([times[times.len() - 1]]);
     let values = vec![[0f32; 3]; times.len()];
-    let output = out.push_accessor(&values, Component::F32, "VEC3", Target::None);
+    let output = out.push_accessor(&values, Component::F32, "VEC3", BufferTarget::None);
     json!({ "input": input, "output": output, "interpolation": "STEP" })
 }

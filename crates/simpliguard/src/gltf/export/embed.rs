@@ -1,15 +1,15 @@
-//! The source document as the front of the output: every index kept, every byte in one buffer.
+//! The source document at the front of the output: every index is kept, every byte is in one buffer.
 
 use bytes::Bytes;
 use serde_json::{Map, Value, json};
 
-use super::builder::{Builder, Kind, Target, append_aligned, index, indices};
-use super::fault;
+use super::builder::{BufferTarget, Builder, Kind, append_aligned, index, indices};
+use super::fault::fault;
 use crate::Error;
 use crate::data::{Document, Model};
 
-/// The source's document with all buffers merged and all images that were read embedded. External images that could
-/// not be read keep their URI.
+/// The source's document with merged buffers and embedded images. External images that could not be read keep their
+/// URI.
 pub(super) fn embed(model: &Model) -> Result<Builder, Error> {
     let Document { json, buffers, images, .. } = &model.document;
     let Some(json) = json.as_object().cloned() else {
@@ -26,7 +26,7 @@ pub(super) fn embed(model: &Model) -> Result<Builder, Error> {
     }
     for (i, image) in images.iter().enumerate() {
         let Some((bytes, mime)) = image else { continue };
-        let view = out.push_view(bytes, Target::None);
+        let view = out.push_view(bytes, BufferTarget::None);
         if let Some(image) = out.all_mut(Kind::Image).get_mut(i).and_then(Value::as_object_mut) {
             image.remove("uri");
             image.insert("bufferView".into(), json!(view));
@@ -37,7 +37,7 @@ pub(super) fn embed(model: &Model) -> Result<Builder, Error> {
     Ok(out)
 }
 
-/// Appends the buffers that any view refers to; returns where each begins.
+/// Appends the buffers that a view refers to; returns the offset of each.
 fn merge_buffers(out: &mut Builder, buffers: &[Bytes]) -> Vec<usize> {
     let declared = out.json.get("buffers").and_then(Value::as_array).map_or(&[][..], Vec::as_slice);
     let lengths: Vec<Option<usize>> = declared.iter().map(|b| index(b, "byteLength")).collect();
@@ -54,7 +54,7 @@ fn merge_buffers(out: &mut Builder, buffers: &[Bytes]) -> Vec<usize> {
     buffers.iter().enumerate().map(append).collect()
 }
 
-/// A document without scenes gets one that holds its roots.
+/// Adds a scene of all roots to a document without scenes.
 fn ensure_scene(json: &mut Map<String, Value>) {
     if json.get("scenes").and_then(Value::as_array).is_some_and(|s| !s.is_empty()) {
         return;

@@ -1,10 +1,10 @@
-//! Node trees: the roots of scenes, their copies for levels alone, and where `MSFT_lod` stands.
+//! Node trees: roots of scenes, copies for the scenes of single levels, and the place of `MSFT_lod`.
 
 use serde_json::{Value, json};
 
 use super::builder::{Builder, Kind, indices};
 
-/// Transform properties of a node; everything else is what it carries.
+/// Transform properties of a node.
 const TRANSFORM: [&str; 4] = ["matrix", "translation", "rotation", "scale"];
 
 /// The root nodes of a scene.
@@ -13,7 +13,7 @@ pub(super) fn scene_roots(out: &Builder, scene: usize) -> Vec<usize> {
     out.all(Kind::Scene).get(scene).map_or_else(Vec::new, |s| indices(s, "nodes").filter(|&n| n < nodes).collect())
 }
 
-/// The nodes under `roots` with them, parents before children, each once.
+/// `roots` and all nodes under them, parents before children, each once.
 pub(super) fn descendants(out: &Builder, roots: &[usize]) -> Vec<usize> {
     let nodes = out.all(Kind::Node);
     let mut seen = vec![false; nodes.len()];
@@ -30,23 +30,23 @@ pub(super) fn descendants(out: &Builder, roots: &[usize]) -> Vec<usize> {
     order
 }
 
-/// Which of `order` (parents first) stay once nodes carry nothing any more: those `needed`, their ancestors, and those
-/// that never carried anything, such as attachment points. What is left out are leaves made to hold a mesh, camera or
-/// light.
-pub(super) fn without_bare_leaves(out: &Builder, order: &[usize], needed: impl Fn(usize) -> bool) -> Vec<bool> {
+/// Marks the nodes of `order` (parents first) that stay once meshes, cameras and extensions are removed: nodes that are
+/// `needed`, their ancestors, and nodes that never had any of these, such as attachment points. Leaves that exist only
+/// to hold a mesh, camera or light are not marked.
+pub(super) fn kept_nodes(out: &Builder, order: &[usize], needed: impl Fn(usize) -> bool) -> Vec<bool> {
     let nodes = out.all(Kind::Node);
     let mut kept = vec![false; nodes.len()];
     for &node in order.iter().rev() {
-        let carries = ["mesh", "camera", "extensions"].iter().any(|key| nodes[node].get(key).is_some());
+        let has_content = ["mesh", "camera", "extensions"].iter().any(|key| nodes[node].get(key).is_some());
         kept[node] = needed(node)
-            || !carries
+            || !has_content
             || indices(&nodes[node], "children").any(|c| kept.get(c).copied().unwrap_or(false));
     }
     kept
 }
 
-/// A copy of the trees under `roots`, with names, transforms and nothing else; `suffix` keeps the names apart from
-/// the source's. Returns the copied roots and the copy of each node.
+/// Copies the trees under `roots`, with names and transforms only. `suffix` is added to the names, so that they differ
+/// from the source's. Returns the copied roots, and the copy of each node.
 pub(super) fn copy_trees(
     out: &mut Builder,
     roots: &[usize],
@@ -54,7 +54,7 @@ pub(super) fn copy_trees(
     is_joint: impl Fn(usize) -> bool,
 ) -> (Vec<usize>, Vec<Option<usize>>) {
     let order = descendants(out, roots);
-    let kept = without_bare_leaves(out, &order, is_joint);
+    let kept = kept_nodes(out, &order, is_joint);
     let first = out.all(Kind::Node).len();
     let mut copy_of = vec![None; first];
     for (i, &node) in order.iter().filter(|&&n| kept[n]).enumerate() {
@@ -81,7 +81,7 @@ pub(super) fn copy_trees(
     (roots.iter().filter_map(|&r| copy_of.get(r).copied().flatten()).collect(), copy_of)
 }
 
-/// `roots`, and the roots over those of `nodes` that are not under them.
+/// `roots`, and the roots above those of `nodes` that are not under `roots`.
 pub(super) fn with_roots_of(out: &Builder, mut roots: Vec<usize>, nodes: &[usize]) -> Vec<usize> {
     let all = out.all(Kind::Node);
     let mut parent = vec![None; all.len()];
@@ -92,7 +92,7 @@ pub(super) fn with_roots_of(out: &Builder, mut roots: Vec<usize>, nodes: &[usize
     }
     for &node in nodes.iter().filter(|&&n| n < all.len()) {
         let mut root = node;
-        // At most as many steps as there are nodes, should the parents run in a circle.
+        // At most as many steps as there are nodes, in case the parents form a cycle.
         for _ in 0..all.len() {
             let Some(above) = parent[root] else { break };
             root = above;
@@ -104,7 +104,7 @@ pub(super) fn with_roots_of(out: &Builder, mut roots: Vec<usize>, nodes: &[usize
     roots
 }
 
-/// Whether one of `roots` has all of `joints` under it, as glTF asks of a skin.
+/// True if one of `roots` has all of `joints` under it, as glTF requires of a skin.
 pub(super) fn have_common_root(out: &Builder, roots: &[usize], joints: &[usize]) -> bool {
     roots.iter().any(|&root| {
         let mut under = vec![false; out.all(Kind::Node).len()];
@@ -113,8 +113,9 @@ pub(super) fn have_common_root(out: &Builder, roots: &[usize], joints: &[usize])
     })
 }
 
-/// Puts the roots of a scene under one new node, for a skin whose joints lie under several of them. Other scenes that
-/// hold all these roots follow; if one holds only some of them, nothing changes, since a scene's nodes must be roots.
+/// Puts the roots of a scene under one new node, for a skin whose joints lie under several roots. Other scenes that
+/// hold all these roots get the new node too. If a scene holds only some of them, nothing changes, since a scene's
+/// nodes must be roots.
 pub(super) fn join_roots(out: &mut Builder, scene: usize) {
     let roots = scene_roots(out, scene);
     let holds = |s: &Value| roots.iter().filter(|&&r| indices(s, "nodes").any(|n| n == r)).count();
@@ -131,8 +132,7 @@ pub(super) fn join_roots(out: &mut Builder, scene: usize) {
     }
 }
 
-/// Removes `MSFT_lod` from every node and material, and the screen coverages that went with it. Returns the nodes it
-/// named.
+/// Removes `MSFT_lod` and its screen coverages from every node and material. Returns the nodes that it named.
 pub(super) fn remove_lods(out: &mut Builder) -> Vec<usize> {
     let mut named = Vec::new();
     for kind in [Kind::Node, Kind::Material] {
@@ -178,7 +178,7 @@ pub(super) fn place_lods(out: &mut Builder, mesh_nodes: &[usize], ids: &[usize])
     }
 }
 
-/// Takes mesh, skin and morph weights from nodes.
+/// Removes mesh, skin and morph weights from nodes.
 pub(super) fn remove_meshes(out: &mut Builder, nodes: &[usize]) {
     let all = out.all_mut(Kind::Node);
     for &node in nodes {

@@ -1,6 +1,6 @@
-//! Leaves out of a glTF what nothing refers to, down to the byte ranges of shared buffer views.
+//! Removal of objects that nothing refers to, down to the byte ranges of shared buffer views.
 //!
-//! References inside extensions are followed for those the import knows, for texture references of any material
+//! References in extensions are followed for the extensions that the import knows, for textures in any material
 //! extension, and for `EXT_mesh_gpu_instancing`, `KHR_draco_mesh_compression` and `KHR_materials_variants`.
 
 use serde_json::{Value, json};
@@ -8,7 +8,7 @@ use serde_json::{Value, json};
 use super::builder::{Builder, Kind, append_aligned, index};
 use super::ranges::Ranges;
 
-/// Keeps every object of the kinds `roots` and what they refer to; renumbers the rest.
+/// Keeps all objects of the kinds `roots` and all objects they refer to; removes the others and renumbers.
 pub(super) fn prune(out: &mut Builder, roots: &[Kind]) {
     let used = mark(out, roots);
     repack(out, &used);
@@ -35,7 +35,7 @@ pub(super) fn prune(out: &mut Builder, roots: &[Kind]) {
     retain_used_extensions(out);
 }
 
-/// A flag per object of each kind.
+/// For each kind, a flag per object: true if it is used.
 struct Used(Vec<Vec<bool>>);
 
 impl Used {
@@ -128,7 +128,7 @@ fn primitive_references(primitive: &mut Value, visit: &mut dyn FnMut(Kind, &mut 
     }
 }
 
-/// Texture references stand in members named `...Texture`, in the material itself and in its extensions.
+/// Visits texture references: members named `...Texture`, in the material itself and in its extensions.
 fn texture_references(value: &mut Value, visit: &mut dyn FnMut(Kind, &mut Value)) {
     let Some(members) = value.as_object_mut() else { return };
     for (name, member) in members {
@@ -213,7 +213,7 @@ fn used_ranges(out: &Builder, used: &Used) -> Vec<Ranges> {
             }
         }
     }
-    // Images and what extensions refer to take their view whole.
+    // Images and references in extensions use the whole view.
     for (range, accessed) in ranges.iter_mut().zip(accessed) {
         if !accessed {
             *range = Ranges::whole();
@@ -228,8 +228,8 @@ fn used_ranges(out: &Builder, used: &Used) -> Vec<Ranges> {
     ranges
 }
 
-/// Drops the declarations of extensions that no object holds any more. `KHR_mesh_quantization` shows only in the
-/// component types of vertices, so it stays.
+/// Drops the declarations of extensions that no object has any more. `KHR_mesh_quantization` is visible only in the
+/// component types of vertices, so its declaration stays.
 fn retain_used_extensions(out: &mut Builder) {
     let mut present = vec!["KHR_mesh_quantization".to_owned()];
     out.json.values().for_each(|v| collect_extensions(v, &mut present));

@@ -1,4 +1,4 @@
-//! The parts of a buffer view that are still referred to.
+//! The byte ranges of a buffer view that are still used.
 
 use std::ops::Range;
 
@@ -6,8 +6,8 @@ use serde_json::Value;
 
 use super::builder::index;
 
-/// Byte ranges of one buffer view, each beginning at a multiple of four, so that moving them together keeps every
-/// accessor aligned.
+/// Byte ranges of one buffer view. Each begins at a multiple of four, so that accessors stay aligned when the gaps
+/// between ranges are closed.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct Ranges {
     whole: bool,
@@ -20,7 +20,7 @@ impl Ranges {
         Self { whole: true, parts: Vec::new() }
     }
 
-    /// Adds what an accessor reads.
+    /// Adds the bytes of an accessor.
     pub(super) fn add_accessor(&mut self, accessor: &Value, byte_stride: Option<usize>) {
         let (Some(size), Some(count)) = (element_size(accessor), index(accessor, "count")) else {
             self.whole = true;
@@ -57,7 +57,7 @@ impl Ranges {
         self.parts.iter().map(|r| r.start.min(length)..r.end.min(length)).collect()
     }
 
-    /// Where the byte at `offset` lies once the ranges have moved together.
+    /// The new offset of the byte at `offset`, after the gaps are closed.
     pub(super) fn moved(&self, offset: usize) -> usize {
         if self.whole {
             return offset;
@@ -73,7 +73,7 @@ impl Ranges {
     }
 }
 
-/// Bytes of one element of an accessor, columns of matrices padded to four bytes.
+/// Bytes of one element of an accessor. Columns of matrices are padded to four bytes.
 fn element_size(accessor: &Value) -> Option<usize> {
     let component = match index(accessor, "componentType")? {
         5120 | 5121 => 1,

@@ -1,33 +1,35 @@
-//! The skin of the levels: its joints, and the level's vertices in its bind space.
+//! The skin of the levels: its joints, and the levels' vertices in its bind space.
 //!
 //! A level arrives in the rest pose. A skinned vertex is written at `p_bind = (sum w_j W_j B_j)^-1 p_world` with the
 //! joints' rest matrices `W` and inverse bind matrices `B`, so that skinning it in the rest pose gives `p_world` back,
 //! whether or not the source's rest pose is its bind pose.
 //!
-//! A source with one skin lends that skin unchanged. Otherwise the bones in use become one merged skin, a joint per
-//! node. Bones that share vertices of the source share a bind space `X`, which may be in other units or turned; each is
-//! rebased onto the world, `B' = B S^-1` with `S = W B` of its first bone, so that bones of different spaces blend.
-//! Within a space the motion stays exact. Where two spaces of one node still differ after that, which takes a rest pose
-//! other than the bind pose, the first stands.
+//! The levels of a source with one skin reuse that skin unchanged. Otherwise the bones in use become one merged skin,
+//! with one joint per node. Bones that share vertices of the source share a bind space `X`, which may be rotated or in
+//! other units. Each space is rebased onto the world, `B' = B S^-1` with `S = W B` of its first bone, so that bones of
+//! different spaces blend. Within a space the motion stays exact. Two spaces of one node may still differ after that,
+//! if the rest pose is not the bind pose; the first one is then used.
 
-use glam::{DMat3, DMat4, Mat4, Vec3, Vec4};
+use glam::{DMat3, DMat4, Mat4, Vec3};
 use serde_json::json;
 
-use super::builder::{Builder, Component, Kind, Target};
-use super::fault;
-use crate::Error;
+use super::builder::{BufferTarget, Builder, Component, Kind};
+use super::fault::fault;
+use super::hierarchy;
+use super::vertices::Vertices;
 use crate::animation::{bind_spaces, is_invertible, to_bind_space};
 use crate::data::{Bone, Influences, Level, LevelMesh, LevelMorph, Model, Rig};
+use crate::{Error, StageId};
 
-/// Most joints of a merged skin: engines hold the matrices of 256.
+/// Largest number of joints of a merged skin: engines hold 256 matrices.
 const MAX_JOINTS: usize = 256;
 
-/// Bones of the rig mapped to the joints of the skin that is written.
+/// The skin that is written, and its joint for each bone of the rig.
 pub(super) struct Binding {
-    /// The source's skin, if it is reused.
+    /// Index of the source's skin, if it is reused.
     source: Option<usize>,
     joints: Vec<Joint>,
-    /// Joint of each bone of the rig; bones that no level uses have none in a merged skin.
+    /// Joint of each bone of the rig. A merged skin has no joint for bones that no level uses.
     joint_of_bone: Vec<Option<u16>>,
 }
 
@@ -45,16 +47,6 @@ impl Joint {
     }
 }
 
-/// Vertices of a level in bind space.
-pub(super) struct BoundVertices {
-    pub(super) positions: Vec<Vec3>,
-    pub(super) normals: Vec<Vec3>,
-    pub(super) tangents: Vec<Vec4>,
-    /// Skeleton and weights as the glTF wants them: no joint twice, unused slots zero, weights of sum one.
-    pub(super) influences: Vec<Influences>,
-    pub(super) morphs: Vec<LevelMorph>,
-}
-
 impl Binding {
     /// The skin for `levels`; `None` if none of them is skinned.
     pub(super) fn new(model: &Model, levels: &[Level]) -> Result<Option<Self>, Error> {
@@ -68,8 +60,8 @@ impl Binding {
         if binding.is_merged() && binding.joints.len() > MAX_JOINTS {
             return Err(Error::invalid(
                 &model.name,
-                crate::StageId::Export,
-                format!("the levels hang on {} joints, of which engines take {MAX_JOINTS}", binding.joints.len()),
+                StageId::Export,
+                format!("the levels use {} joints, and engines support {MAX_JOINTS}", binding.joints.len()),
                 "split the model into files of fewer moving parts",
             ));
         }
@@ -89,11 +81,11 @@ impl Binding {
     /// One joint for each node of the bones in use.
     fn merged(rig: &Rig, used: &[bool], source: &[Influences]) -> Self {
         let mut out = Self { source: None, joints: Vec::new(), joint_of_bone: vec![None; rig.bones.len()] };
-        let mut spaces = bind_spaces(rig, source);
+        let spaces = bind_spaces(rig, source);
         for (b, bone) in rig.bones.iter().enumerate().filter(|&(b, _)| used[b]) {
             let same_node = out.joints.iter().position(|j| j.node == bone.node);
             if same_node.is_none() {
-                let to_space = to_bind_space(rig, spaces.find(b));
+                let to_space = to_bind_space(rig, spaces[b]);
                 let inverse_bind = affine((bone.inverse_bind.as_dmat4() * to_space).as_mat4());
                 out.joints.push(Joint::new(bone.node, inverse_bind, bone.rest_world));
             }
@@ -102,7 +94,7 @@ impl Binding {
         out
     }
 
-    /// Only the joints that a level hangs on, if it wants no others.
+    /// The skin with only the joints that `level` uses; `None` if the level shares the skin of all levels.
     pub(super) fn narrowed(&self, level: &Level) -> Option<Self> {
         if !level.own_joints || level.mesh.influences.is_empty() {
             return None;
@@ -122,7 +114,7 @@ impl Binding {
         })
     }
 
-    /// Whether the skin is made here from several of the source, or from moving mesh nodes.
+    /// True if the skin is made here, from several skins of the source or from moving mesh nodes.
     pub(super) fn is_merged(&self) -> bool {
         self.source.is_none()
     }
@@ -132,23 +124,33 @@ impl Binding {
         self.joints.iter().map(|j| j.node)
     }
 
-    /// Index of the skin on the source's nodes, which is appended unless it is the source's own.
+    /// Gives the joints of a merged skin the common root that glTF requires, in scene `scene`. A skin of the source has
+    /// one.
+    pub(super) fn join_roots(&self, out: &mut Builder, scene: usize) {
+        let joints: Vec<usize> = self.nodes().collect();
+        if self.is_merged() && !hierarchy::have_common_root(out, &hierarchy::scene_roots(out, scene), &joints) {
+            hierarchy::join_roots(out, scene);
+        }
+    }
+
+    /// Index of the skin on the source's nodes. It is appended unless it is the source's own.
     pub(super) fn write(&self, out: &mut Builder) -> usize {
         if let Some(skin) = self.source.filter(|&s| s < out.all(Kind::Skin).len()) {
             return skin;
         }
         let matrices: Vec<[f32; 16]> = self.joints.iter().map(|j| j.inverse_bind.to_cols_array()).collect();
-        let matrices = out.push_accessor(&matrices, Component::F32, "MAT4", Target::None);
+        let matrices = out.push_accessor(&matrices, Component::F32, "MAT4", BufferTarget::None);
         let joints: Vec<usize> = self.nodes().collect();
         out.push(Kind::Skin, json!({ "joints": joints, "inverseBindMatrices": matrices }))
     }
 
-    /// Takes a level from the rest pose to bind space.
-    pub(super) fn bind(&self, mesh: &LevelMesh) -> BoundVertices {
-        let mut out = BoundVertices {
+    /// Transforms a level from the rest pose to bind space.
+    pub(super) fn bind(&self, mesh: &LevelMesh) -> Vertices {
+        let mut out = Vertices {
             positions: Vec::with_capacity(mesh.positions.len()),
             normals: Vec::with_capacity(mesh.normals.len()),
             tangents: Vec::with_capacity(mesh.tangents.len()),
+            uvs: mesh.uvs.clone(),
             influences: Vec::with_capacity(mesh.influences.len()),
             morphs: vec![LevelMorph::default(); mesh.morphs.len()],
         };
@@ -174,7 +176,7 @@ impl Binding {
         out
     }
 
-    /// A vertex's bones as joints of the skin: equal joints merged, weights falling and of sum one.
+    /// A vertex's bones as joints of the skin: equal joints are merged, weights descend and sum to one.
     fn joints_of(&self, bones: &Influences) -> Influences {
         let mut slots: Vec<(u16, f32)> = Vec::with_capacity(4);
         for (&bone, &weight) in bones.joints.iter().zip(&bones.weights) {
@@ -199,8 +201,8 @@ impl Binding {
         out
     }
 
-    /// The influences with their rest matrix and its inverse. A blend that collapses space gives way to its largest
-    /// joint alone, a collapsed joint to the identity.
+    /// The influences with their rest matrix and its inverse. A singular blend is replaced by its joint of largest
+    /// weight, and a singular joint by the identity.
     fn invertible(&self, influences: Influences) -> (Influences, DMat4, DMat4) {
         for candidate in [influences, Influences::rigid(influences.joints[0])] {
             let rest = self.rest(&candidate);
@@ -224,7 +226,7 @@ fn used_bones(rig: &Rig, levels: &[Level]) -> Vec<bool> {
     let mut used = vec![false; rig.bones.len()];
     for influences in levels.iter().flat_map(|l| &l.mesh.influences) {
         for (i, (&bone, &weight)) in influences.joints.iter().zip(&influences.weights).enumerate() {
-            // A vertex without weights falls back on its first bone.
+            // A vertex without weights is bound to its first bone.
             if let Some(slot) = used.get_mut(bone as usize).filter(|_| weight > 0.0 || i == 0) {
                 *slot = true;
             }
@@ -233,7 +235,7 @@ fn used_bones(rig: &Rig, levels: &[Level]) -> Vec<bool> {
     used
 }
 
-/// The last row exactly (0, 0, 0, 1), as glTF asks of inverse bind matrices.
+/// The matrix with a last row of exactly (0, 0, 0, 1), as glTF requires of inverse bind matrices.
 fn affine(m: Mat4) -> Mat4 {
     Mat4::from_cols(
         m.x_axis.truncate().extend(0.0),
@@ -243,12 +245,12 @@ fn affine(m: Mat4) -> Mat4 {
     )
 }
 
-/// Checks that every influence of a level names a bone.
+/// `Err` if an influence of a level names no bone.
 pub(super) fn check_influences(model: &Model, level: &Level) -> Result<(), Error> {
     let bones = model.rig.as_ref().map_or(0, |r| r.bones.len());
     let outside = level.mesh.influences.iter().flat_map(|i| i.joints).find(|&j| j as usize >= bones);
     match outside {
-        Some(joint) => Err(fault(&model.name, format!("a level hangs on bone {joint} of {bones}"))),
+        Some(joint) => Err(fault(&model.name, format!("a level uses bone {joint} of {bones}"))),
         None => Ok(()),
     }
 }

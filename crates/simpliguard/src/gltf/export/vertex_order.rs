@@ -1,14 +1,14 @@
-//! Triangle order for the GPU's vertex cache, vertex order for its fetches.
+//! The order of triangles for the GPU's vertex cache, and of vertices for its fetches.
 //!
-//! Tipsify (Sander, Nehab and Barczak, "Fast Triangle Reordering for Vertex Locality and Reduced Overdraw", 2007):
-//! fans around one vertex after the other, the next vertex being the one that is longest in the cache and still will
-//! be when its remaining triangles are out.
+//! Tipsify (Sander, Nehab and Barczak, "Fast Triangle Reordering for Vertex Locality and Reduced Overdraw", 2007): it
+//! emits the triangles around one vertex after the other. The next vertex is the one that has been longest in the
+//! cache, among those that stay in it until all their triangles are emitted.
 
-/// Entries of the modelled first-in-first-out cache; the gain is flat from 16 to 32.
+/// Entries of the simulated first-in-first-out cache; the gain is flat from 16 to 32.
 const CACHE_SIZE: u32 = 16;
 
 /// Triangles reordered for the cache and renumbered by first use, and the old index of each new vertex. Vertices
-/// without a triangle fall away.
+/// without a triangle are left out.
 pub(super) fn optimized(triangles: &[[u32; 3]], vertex_count: usize) -> (Vec<[u32; 3]>, Vec<u32>) {
     let mut new_index = vec![u32::MAX; vertex_count];
     let mut old_index = Vec::with_capacity(vertex_count);
@@ -96,12 +96,12 @@ impl Fans {
 }
 
 struct State {
-    /// Triangles of each vertex still to come.
+    /// Number of triangles of each vertex that are not emitted yet.
     live: Vec<u32>,
-    /// When each vertex last entered the cache.
+    /// Time at which each vertex last entered the cache.
     cached_at: Vec<u32>,
     time: u32,
-    /// Vertices used, latest last: where to go on when a fan has no live neighbour.
+    /// Used vertices, the latest last: the candidates when a fan has no live neighbour.
     dead_ends: Vec<u32>,
     next_unvisited: usize,
 }
@@ -124,7 +124,8 @@ impl State {
                 continue;
             }
             let age = self.time - self.cached_at[v as usize];
-            // Two new vertices per remaining triangle: is this one still cached after its fan?
+            // Each remaining triangle brings up to two new vertices. The priority is zero if this vertex would leave
+            // the cache before its fan ends.
             let priority = if age + 2 * live <= CACHE_SIZE { age } else { 0 };
             if best.is_none_or(|(p, _)| priority > p) {
                 best = Some((priority, v));

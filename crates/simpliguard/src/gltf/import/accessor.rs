@@ -1,7 +1,7 @@
 //! Bounds-checked reading of accessors.
 //!
-//! All component types, normalized integers, interleaving, sparse substitution, and accessors without a buffer view
-//! (zeros) are covered. Every extent is checked against the bytes at hand before memory is taken.
+//! It covers all component types, normalized integers, interleaving, sparse substitution, and accessors without a
+//! buffer view (zeros). Every extent is checked against the bytes at hand before memory is allocated.
 
 use bytes::Bytes;
 
@@ -75,7 +75,19 @@ impl Component {
     }
 }
 
-/// Equal elements at equal distances; `bytes` reaches the end of the last one.
+/// Position of equal elements in a buffer view, before it is checked.
+struct Layout {
+    view: usize,
+    /// Bytes from the start of the view.
+    offset: usize,
+    /// Bytes from one element to the next; tightly packed if `None`.
+    stride: Option<usize>,
+    /// Bytes of one element.
+    size: usize,
+    count: usize,
+}
+
+/// Equal elements at equal distances; `bytes` ends with the last one.
 struct Strided<'a> {
     bytes: &'a [u8],
     stride: usize,
@@ -90,9 +102,9 @@ impl<'a> Strided<'a> {
 
 /// The bytes of an accessor's elements, substitutions included.
 struct Elements<'a> {
-    /// `None` where the accessor has no buffer view: zeros.
+    /// `None` if the accessor has no buffer view: zeros.
     base: Option<Strided<'a>>,
-    /// Element and replacement, ascending.
+    /// Elements and their replacements, ascending.
     sparse: Vec<(u32, &'a [u8])>,
 }
 
@@ -124,7 +136,7 @@ impl<'a> Reader<'a> {
         })
     }
 
-    /// The elements `at` of accessor `index` as floats, integers scaled where the accessor says so.
+    /// The elements `at` of accessor `index` as floats. Integers are scaled if the accessor is normalized.
     pub(super) fn floats<const N: usize>(
         &self,
         index: usize,
@@ -134,7 +146,7 @@ impl<'a> Reader<'a> {
         self.elements(index, at, |component, bytes| component.float(bytes, normalized))
     }
 
-    /// As [`Self::floats`], integers always scaled.
+    /// As [`Self::floats`], but integers are always scaled.
     pub(super) fn normalized<const N: usize>(
         &self,
         index: usize,
@@ -193,7 +205,8 @@ impl<'a> Reader<'a> {
         let base = match accessor.buffer_view {
             Some(view) => {
                 let stride = self.asset.item(&self.root.buffer_views, view, "buffer view")?.byte_stride;
-                Some(self.strided(index, view, accessor.byte_offset, stride, size, accessor.count)?)
+                let (offset, count) = (accessor.byte_offset, accessor.count);
+                Some(self.strided(index, &Layout { view, offset, stride, size, count })?)
             }
             None => None,
         };
@@ -203,8 +216,9 @@ impl<'a> Reader<'a> {
             if !code.is_index() {
                 return Err(self.asset.invalid(format!("the sparse indices of accessor {index} are signed")));
             }
-            let at = self.strided(index, indices.buffer_view, indices.byte_offset, None, code.size(), *count)?;
-            let values = self.strided(index, values.buffer_view, values.byte_offset, None, size, *count)?;
+            let packed = |view, offset, size| Layout { view, offset, stride: None, size, count: *count };
+            let at = self.strided(index, &packed(indices.buffer_view, indices.byte_offset, code.size()))?;
+            let values = self.strided(index, &packed(values.buffer_view, values.byte_offset, size))?;
             out.sparse = (0..*count).map(|k| (code.index(at.get(k)), values.get(k))).collect();
             out.sparse.sort_by_key(|(at, _)| *at);
         }
@@ -213,7 +227,7 @@ impl<'a> Reader<'a> {
 
     fn accessor(&self, index: usize) -> Result<&'a Accessor<'a>, Error> {
         let accessor = self.asset.item(&self.root.accessors, index, "accessor")?;
-        // No mesh within the limit on triangles has more corners.
+        // A mesh within the limit on triangles has no more corners than this.
         let most = self.asset.limits.triangles.saturating_mul(3).min(u64::from(u32::MAX));
         self.asset.within(&format!("the element count of accessor {index}"), accessor.count, most)?;
         Ok(accessor)
@@ -224,15 +238,9 @@ impl<'a> Reader<'a> {
             .ok_or_else(|| self.asset.invalid(format!("accessor {index} has the unknown component type {code}")))
     }
 
-    fn strided(
-        &self,
-        accessor: usize,
-        view_index: usize,
-        offset: usize,
-        stride: Option<usize>,
-        size: usize,
-        count: usize,
-    ) -> Result<Strided<'a>, Error> {
+    /// Elements of `accessor`, once their extent was checked.
+    fn strided(&self, accessor: usize, layout: &Layout) -> Result<Strided<'a>, Error> {
+        let &Layout { view: view_index, offset, stride, size, count } = layout;
         let view = self.asset.item(&self.root.buffer_views, view_index, "buffer view")?;
         let buffer = self.asset.item(self.buffers, view.buffer, "buffer")?;
         let end = view.byte_offset.checked_add(view.byte_length);

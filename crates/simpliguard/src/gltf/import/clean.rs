@@ -1,16 +1,16 @@
-//! Faces that no later stage can use: not finite, too far away, degenerate, duplicate.
+//! Removal of faces that no later stage can use: not finite, too far away, degenerate or duplicate.
 
 use glam::{DVec3, Vec3};
 
-use super::asset::Asset;
+use super::asset::{Asset, counted};
 use crate::data::{Influences, SMALLEST_EXTENT, Surface};
 use crate::geometry::{first_equal, position_bits};
 use crate::{Error, StageId};
 
-/// Positions beyond this are as bad as infinite ones: the squares of areas leave the range of `f32`. Metres.
+/// Largest coordinate, in metres. Beyond it the squares of areas leave the range of `f32`.
 const FARTHEST: f32 = 1e9;
 
-/// Faces that were dropped, by reason.
+/// Numbers of faces that were dropped, by reason.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct Dropped {
     /// A corner is NaN or infinite.
@@ -19,14 +19,18 @@ pub(super) struct Dropped {
     pub(super) too_far: usize,
     /// Two corners coincide, or the area is zero.
     pub(super) degenerate: usize,
-    /// Same corners in the same direction, of the same material and on the same bones as an earlier face.
+    /// Same corners in the same direction, with the same material and the same bones as an earlier face.
     pub(super) duplicate: usize,
 }
 
-/// Drops unusable faces, and the vertices that nothing refers to any more.
-pub(super) fn clean(surface: &mut Surface) -> Dropped {
+/// Drops unusable faces, and vertices without a face.
+///
+/// # Errors
+/// [`Error::Invalid`] if no face is left and positions are the cause.
+pub(super) fn clean(asset: Asset<'_>, surface: &mut Surface) -> Result<Dropped, Error> {
+    let faces = surface.triangles.len();
     let mut dropped = Dropped::default();
-    // The squares of areas of a tiny model vanish in `f32`; it may still pass through.
+    // The squares of areas of a tiny model vanish in `f32`. It gets no levels, but is a valid source.
     let tiny = surface.extent() < SMALLEST_EXTENT;
     let positions = &surface.positions;
     let mut keep: Vec<bool> = Vec::with_capacity(surface.triangles.len());
@@ -42,12 +46,23 @@ pub(super) fn clean(surface: &mut Surface) -> Dropped {
     }
     dropped.duplicate = mark_duplicates(surface, &mut keep);
     retain(surface, &keep);
-    dropped
+    dropped.check(asset, faces)?;
+    Ok(dropped)
 }
 
 impl Dropped {
-    /// `Err` if nothing is left of `faces` faces and broken positions have a part in it.
-    pub(super) fn check(self, asset: Asset<'_>, faces: usize) -> Result<(), Error> {
+    /// Notes for the report.
+    pub(super) fn notes(self) -> Vec<String> {
+        counted(&[
+            (self.not_finite, "faces with corners that are not finite are dropped"),
+            (self.too_far, "faces with corners over 1e9 metres from the origin are dropped"),
+            (self.degenerate, "degenerate faces are dropped"),
+            (self.duplicate, "duplicate faces are dropped"),
+        ])
+    }
+
+    /// `Err` if none of `faces` faces is left, and some of them had unusable positions.
+    fn check(self, asset: Asset<'_>, faces: usize) -> Result<(), Error> {
         let unusable = self.not_finite + self.too_far;
         if unusable == 0 || unusable + self.degenerate < faces {
             return Ok(());
@@ -72,7 +87,7 @@ fn has_no_area(u: Vec3, v: Vec3, tiny: bool) -> bool {
     }
 }
 
-/// Clears `keep` of every face that repeats an earlier one.
+/// Clears `keep` for every face that repeats an earlier one; returns their number.
 fn mark_duplicates(surface: &Surface, keep: &mut [bool]) -> usize {
     let welded = first_equal(surface.positions.len(), |vertex| {
         let bones = surface.influences.get(vertex).map(bone_bits);
@@ -96,7 +111,7 @@ fn bone_bits(influences: &Influences) -> ([u16; 4], [u32; 4]) {
     (influences.joints, influences.weights.map(f32::to_bits))
 }
 
-/// A face's corners from the lowest on, direction kept.
+/// A face's corners, rotated so that the lowest comes first.
 fn from_lowest(corners: [u32; 3]) -> [u32; 3] {
     let [a, b, c] = corners;
     if a <= b && a <= c {
@@ -127,8 +142,8 @@ fn retain(surface: &mut Surface, keep: &[bool]) {
     }
     surface.triangles.iter_mut().flatten().for_each(|vertex| *vertex = number[*vertex as usize]);
     for target in surface.morphs.iter_mut().flat_map(|morphs| &mut morphs.targets) {
-        target.moves.retain(|(vertex, _)| used[*vertex as usize]);
-        target.moves.iter_mut().for_each(|(vertex, _)| *vertex = number[*vertex as usize]);
+        target.displacements.retain(|(vertex, _)| used[*vertex as usize]);
+        target.displacements.iter_mut().for_each(|(vertex, _)| *vertex = number[*vertex as usize]);
     }
     retain_marked(&mut surface.positions, &used);
     retain_marked(&mut surface.normals, &used);

@@ -1,8 +1,8 @@
-//! Frames of the file's clips, as poses of the bones.
+//! Poses of the bones: moments of the file's clips.
 //!
-//! Translation, rotation and scale of nodes, with all three interpolations; rotations between two keys are interpolated
-//! linearly and normalised. Morph weights and pointers into the document move no bone. A skeleton without clips gets
-//! poses in which every joint is turned a little at random.
+//! It reads translation, rotation and scale of nodes, with all three interpolations. Rotations between two keys are
+//! interpolated linearly and normalised. Morph weights and pointers into the document move no bone. A skeleton without
+//! clips gets poses in which every joint is rotated a little at random.
 
 use glam::{Mat4, Quat, Vec3, Vec4};
 
@@ -13,19 +13,19 @@ use crate::Error;
 use crate::data::{Bone, Pose};
 use crate::geometry::Random;
 
-/// Frames taken of each clip, at the starts of as many equal parts.
+/// Number of poses from each clip, taken at the starts of as many equal intervals.
 const FRAMES: usize = 8;
-/// Most matrices over all poses: 64 MB.
+/// Largest number of matrices over all poses: 64 MB.
 const MOST_MATRICES: usize = 1 << 20;
-/// How far a joint is turned in a file without clips, as a part of the way to a random rotation: 25 degrees on average.
-const TURN: f32 = 0.2;
+/// Rotation of a joint in a file without clips, as a fraction of a random rotation: 25 degrees on average.
+const RANDOM_ROTATION: f32 = 0.2;
 
-/// Frames of every clip, in the order of the clips: as many of each as memory allows. Clips that cannot be read are
-/// named in `notes`: they go through to the export all the same.
+/// Poses from every clip, in the order of the clips: up to [`FRAMES`] of each, as many as [`MOST_MATRICES`] allows.
+/// Clips that cannot be read are named in `notes`; the export keeps them all the same.
 pub(super) fn poses(reader: Reader<'_>, tree: &Tree, bones: &[Bone], notes: &mut Vec<String>) -> Vec<Pose> {
     let clips = &reader.root.animations;
     if clips.is_empty() {
-        return turned_poses(reader, tree, bones);
+        return random_poses(reader, tree, bones);
     }
     let frames = (MOST_MATRICES / bones.len().max(1) / clips.len().max(1)).min(FRAMES);
     let mut out = Vec::new();
@@ -51,19 +51,19 @@ pub(super) fn poses(reader: Reader<'_>, tree: &Tree, bones: &[Bone], notes: &mut
     out
 }
 
-/// Poses with every joint turned at random.
-fn turned_poses(reader: Reader<'_>, tree: &Tree, bones: &[Bone]) -> Vec<Pose> {
+/// Poses with every joint rotated at random.
+fn random_poses(reader: Reader<'_>, tree: &Tree, bones: &[Bone]) -> Vec<Pose> {
     let mut random = Random::new(bones.len() as u64);
     let frames = (MOST_MATRICES / bones.len().max(1)).min(FRAMES);
     let mut pose = || {
-        let mut turns = vec![Mat4::IDENTITY; reader.root.nodes.len()];
+        let mut rotations = vec![Mat4::IDENTITY; reader.root.nodes.len()];
         for bone in bones {
             let far = random.rotation();
             let far = if far.w < 0.0 { -far } else { far };
-            let turn = Vec4::from(Quat::IDENTITY).lerp(far.into(), TURN).normalize();
-            turns[bone.node] = Mat4::from_quat(Quat::from_vec4(turn));
+            let rotation = Vec4::from(Quat::IDENTITY).lerp(far.into(), RANDOM_ROTATION).normalize();
+            rotations[bone.node] = Mat4::from_quat(Quat::from_vec4(rotation));
         }
-        let world = tree.world_with(|node| local_matrix(&reader.root.nodes[node]) * turns[node]);
+        let world = tree.world_with(|node| local_matrix(&reader.root.nodes[node]) * rotations[node]);
         Pose { frame: None, world: bones.iter().map(|bone| world[bone.node]).collect() }
     };
     (0..frames).map(|_| pose()).filter(|pose| pose.world.iter().all(Mat4::is_finite)).collect()
@@ -120,11 +120,11 @@ struct Track {
     interpolation: Interpolation,
     /// Seconds, ascending; at least one.
     keys: Vec<f32>,
-    /// One per key; of a cubic spline three: the tangent before, the value, the tangent after.
+    /// One value per key. A cubic spline has three: the tangent before, the value, the tangent after.
     values: Vec<Vec4>,
 }
 
-/// The channels of a clip that move nodes and have keys.
+/// The channels of a clip that move a node and have keys.
 fn tracks(reader: Reader<'_>, animation: &Animation<'_>) -> Result<Vec<Track>, Error> {
     let read = |channel: &Channel<'_>| Track::read(reader, animation, channel).transpose();
     animation.channels.iter().filter_map(read).collect()
@@ -159,7 +159,7 @@ impl Track {
         Ok(is_sound.then_some(Self { node, path, interpolation, keys, values }))
     }
 
-    /// The value at a time; the first before, and the last after the keys.
+    /// The value at a time: the first value before all keys, the last value after them.
     fn at(&self, seconds: f32) -> Vec4 {
         let next = self.keys.partition_point(|&key| key <= seconds);
         let (a, b) = (next.saturating_sub(1), next.min(self.keys.len() - 1));

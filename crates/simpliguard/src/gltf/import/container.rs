@@ -1,16 +1,13 @@
-//! The outer shell: binary glTF chunks or JSON text, and the JSON itself.
+//! The container of a glTF: binary chunks or JSON text, and the JSON inside.
 
 use bytes::Bytes;
 use serde_json::Value;
 
 use super::asset::Asset;
 use crate::Error;
+use crate::gltf::glb::{BIN_CHUNK, CHUNK_HEADER_BYTES, HEADER_BYTES, JSON_CHUNK, MAGIC, UTF8_BOM, VERSION, u32_at};
 
-const MAGIC: &[u8] = b"glTF";
-const JSON_CHUNK: u32 = 0x4E4F_534A;
-const BIN_CHUNK: u32 = 0x004E_4942;
-
-/// What a file holds before anything is resolved.
+/// The JSON of a file, and its binary chunk.
 #[derive(Debug)]
 pub(super) struct Container {
     pub(super) json: Value,
@@ -31,19 +28,19 @@ fn chunks<'b>(asset: Asset<'_>, bytes: &'b [u8]) -> Result<(&'b [u8], Option<&'b
     let (Some(version), Some(length)) = (u32_at(bytes, 4), u32_at(bytes, 8)) else {
         return Err(truncated(asset, "the 12 byte header", bytes.len()));
     };
-    if version != 2 {
+    if version != VERSION {
         return Err(asset.invalid(format!("it is binary glTF version {version}; version 2 is read")));
     }
     let length = length as usize;
     if bytes.len() < length {
         return Err(truncated(asset, &format!("{length} bytes, as its header says"), bytes.len()));
     }
-    let (mut json, mut bin, mut at) = (None, None, 12);
+    let (mut json, mut bin, mut at) = (None, None, HEADER_BYTES);
     while at < length {
         let (Some(size), Some(kind)) = (u32_at(bytes, at), u32_at(bytes, at + 4)) else {
             return Err(truncated(asset, "a chunk header", bytes.len()));
         };
-        let (start, size) = (at + 8, size as usize);
+        let (start, size) = (at + CHUNK_HEADER_BYTES, size as usize);
         let Some(data) = bytes[..length].get(start..).and_then(|rest| rest.get(..size)) else {
             let left = length.saturating_sub(start);
             return Err(asset.invalid(format!("the chunk at byte {at} says {size} bytes, but {left} are left")));
@@ -63,14 +60,9 @@ fn truncated(asset: Asset<'_>, what: &str, length: usize) -> Error {
     asset.invalid(format!("the file is truncated: it should hold {what}, but it ends after {length} bytes"))
 }
 
-fn u32_at(bytes: &[u8], at: usize) -> Option<u32> {
-    let bytes = bytes.get(at..at.checked_add(4)?)?;
-    Some(u32::from_le_bytes(bytes.try_into().ok()?))
-}
-
 /// The text of a `.gltf`, without a byte order mark.
 fn text<'b>(asset: Asset<'_>, bytes: &'b [u8]) -> Result<&'b [u8], Error> {
-    let text = bytes.strip_prefix(b"\xEF\xBB\xBF").unwrap_or(bytes);
+    let text = bytes.strip_prefix(UTF8_BOM).unwrap_or(bytes);
     match text.iter().find(|byte| !byte.is_ascii_whitespace()) {
         Some(b'{') => Ok(text),
         Some(_) => Err(asset.not_gltf("it starts with neither 'glTF' nor '{'")),
@@ -80,10 +72,10 @@ fn text<'b>(asset: Asset<'_>, bytes: &'b [u8]) -> Result<&'b [u8], Error> {
 
 /// Parses JSON; nesting beyond 128 levels is refused by the parser.
 fn json(asset: Asset<'_>, text: &[u8]) -> Result<Value, Error> {
-    // Each value but the first of its list follows a comma, so this bounds the parsed size.
+    // Every value but the first of its list follows a comma, so the commas bound the size of the parsed JSON.
     let commas = text.iter().filter(|&&byte| byte == b',').count();
     asset.within("the number of JSON values", commas, asset.limits.json_values)?;
-    let text = text.strip_prefix(b"\xEF\xBB\xBF").unwrap_or(text);
+    let text = text.strip_prefix(UTF8_BOM).unwrap_or(text);
     let end = text.iter().rposition(|&byte| byte != 0).map_or(0, |last| last + 1);
     let mut json: Value =
         serde_json::from_slice(&text[..end]).map_err(|error| asset.invalid(format!("its JSON is broken: {error}")))?;
@@ -94,7 +86,7 @@ fn json(asset: Asset<'_>, text: &[u8]) -> Result<Value, Error> {
     Ok(json)
 }
 
-/// JSON has one kind of number, so `3.0` is a valid index: spelled `3`, every reader takes it for one.
+/// Writes whole floats as integers. JSON has one kind of number, so `3.0` is a valid index, but readers expect `3`.
 fn whole_numbers_to_integers(value: &mut Value) {
     match value {
         Value::Number(number) => {

@@ -1,11 +1,11 @@
-//! Which glTF extensions are read, which can be left out, and which must be refused.
+//! The glTF extensions that are read, that can be left out, and that must be refused.
 
 use serde_json::Value;
 
 use super::asset::Asset;
 use crate::Error;
 
-/// Read in full, or without influence on what a level looks like.
+/// Read in full, or without effect on the look of a level.
 const READ: &[&str] = &[
     "EXT_mesh_gpu_instancing",
     "EXT_meshopt_compression",
@@ -18,8 +18,8 @@ const READ: &[&str] = &[
     "KHR_texture_transform",
 ];
 
-/// Known and passed through to the source part of the output; the levels do without.
-const PASSED_THROUGH: &[&str] = &[
+/// Known, and copied with the source into the output. The levels do without them.
+const KEPT_IN_SOURCE: &[&str] = &[
     "CESIUM_primitive_outline",
     "EXT_lights_ies",
     "EXT_lights_image_based",
@@ -49,7 +49,7 @@ const PASSED_THROUGH: &[&str] = &[
 
 /// Refuses a file that requires an extension which is not understood.
 pub(super) fn check_required(asset: Asset<'_>, required: &[&str]) -> Result<(), Error> {
-    match required.iter().find(|name| !READ.contains(name) && !PASSED_THROUGH.contains(name)) {
+    match required.iter().find(|name| !READ.contains(name) && !KEPT_IN_SOURCE.contains(name)) {
         Some(name) => Err(refuse(asset, name)),
         None => Ok(()),
     }
@@ -71,14 +71,14 @@ pub(super) fn refuse(asset: Asset<'_>, name: &str) -> Error {
     Error::Extension { asset: asset.name.to_owned(), extension: name.to_owned(), advice }
 }
 
-/// Whether a glTF brings its own levels of detail: `MSFT_lod`, or nodes named `.._LOD1` and up.
+/// True if a glTF has its own levels of detail: `MSFT_lod`, or nodes named `.._LOD1` and up.
 pub fn has_levels(json: &Value) -> bool {
     let list = |name: &str| json.get(name).and_then(Value::as_array).into_iter().flatten();
     list("extensionsUsed").any(|name| name == "MSFT_lod")
         || list("nodes").filter_map(|node| node.get("name")?.as_str()).any(is_level_name)
 }
 
-/// A name ending in `_LOD` and a number above zero, in any case.
+/// True for a name that ends in `_LOD` and a number above zero, in upper or lower case.
 fn is_level_name(name: &str) -> bool {
     let stem = name.trim_end_matches(|c: char| c.is_ascii_digit());
     let number = &name[stem.len()..];
@@ -86,7 +86,7 @@ fn is_level_name(name: &str) -> bool {
     is_lod && number.bytes().any(|digit| digit != b'0')
 }
 
-/// The extensions of each used material that change how it looks and that the levels do without.
+/// Notes for the report: extensions of the used materials that change their look, and that the levels do without.
 pub(super) fn dropped_material_extensions(json: &Value, materials: &[usize]) -> Vec<String> {
     let mut names: Vec<&str> = materials
         .iter()

@@ -1,4 +1,4 @@
-//! Decoding of the images that materials in use ask for.
+//! Decoding of the images that the used materials refer to.
 
 use std::io::Cursor;
 
@@ -9,7 +9,7 @@ use rayon::prelude::*;
 use super::accessor::Reader;
 use super::extensions;
 use super::material::TextureUse;
-use super::resources::{ExternalImage, mime_of, resource_error};
+use super::resources::{SourceImage, mime_of, resource_error};
 use crate::Error;
 use crate::data::Texture;
 
@@ -21,17 +21,13 @@ struct Encoded {
     image: usize,
     bytes: Bytes,
     format: ImageFormat,
-    /// Shown in messages.
+    /// Its name in messages.
     label: String,
     external: bool,
 }
 
-/// Decodes every image in use once, in parallel, and makes a texture of each use, in the order of `uses`.
-pub(super) fn decode(
-    reader: Reader<'_>,
-    external: &[ExternalImage],
-    uses: &[TextureUse],
-) -> Result<Vec<Texture>, Error> {
+/// Decodes every used image once, in parallel, and makes one texture for each of `uses`, in their order.
+pub(super) fn decode(reader: Reader<'_>, external: &[SourceImage], uses: &[TextureUse]) -> Result<Vec<Texture>, Error> {
     let mut images: Vec<usize> = uses.iter().map(|texture| texture.image).collect();
     images.sort_unstable();
     images.dedup();
@@ -59,10 +55,10 @@ pub(super) fn decode(
     Ok(textures.into_iter().map(|(_, texture)| texture).collect())
 }
 
-fn encoded(reader: Reader<'_>, external: &[ExternalImage], image: usize) -> Result<Encoded, Error> {
+fn encoded(reader: Reader<'_>, external: &[SourceImage], image: usize) -> Result<Encoded, Error> {
     let (bytes, label, is_external) = match external.get(image) {
-        Some(ExternalImage::Failed { uri, reason }) => return Err(resource_error(reader.asset, uri, reason.clone())),
-        Some(ExternalImage::Read { uri, bytes, .. }) => (bytes.clone(), format!("'{uri}'"), true),
+        Some(SourceImage::Failed { uri, reason }) => return Err(resource_error(reader.asset, uri, reason.clone())),
+        Some(SourceImage::Read { uri, bytes, .. }) => (bytes.clone(), format!("'{uri}'"), true),
         _ => {
             let Some(view) = reader.root.images[image].buffer_view else {
                 return Err(reader.asset.invalid(format!("image {image} has neither a URI nor a buffer view")));
@@ -81,9 +77,9 @@ fn encoded(reader: Reader<'_>, external: &[ExternalImage], image: usize) -> Resu
     Ok(Encoded { image, bytes, format, label, external: is_external })
 }
 
-/// Width times height by the image's header.
+/// Width times height, from the image's header.
 fn texel_count(reader: Reader<'_>, encoded: &Encoded) -> Result<u64, Error> {
-    // Enough for metadata in front of the pixels; the pixels themselves are not touched here.
+    // Enough for metadata in front of the pixels. The pixels themselves are not decoded here.
     const HEADER_BYTES: u64 = 64 << 20;
     let decoder = open(encoded, HEADER_BYTES).into_decoder().map_err(|error| undecodable(reader, encoded, &error))?;
     let (width, height) = decoder.dimensions();

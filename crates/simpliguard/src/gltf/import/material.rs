@@ -1,4 +1,4 @@
-//! Materials in the metallic-roughness model, and the textures their slots ask for.
+//! Materials in the metallic-roughness model, and the textures that they refer to.
 
 use std::collections::BTreeMap;
 
@@ -10,7 +10,7 @@ use super::schema::{self, Root, TextureInfo};
 use crate::Error;
 use crate::data::{AlphaMode, Material, TextureRef, Wrap};
 
-/// An image as one sampler and one colour space see it.
+/// An image with a sampler and a colour space: one texture of the model.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) struct TextureUse {
     /// Index into the glTF's `images`.
@@ -30,14 +30,15 @@ impl TextureUse {
     }
 }
 
-/// The materials in use and what they ask for.
+/// The used materials and their textures.
 #[derive(Debug, Default)]
 pub(super) struct Materials {
     pub(super) materials: Vec<Material>,
-    /// For each model material, the `TEXCOORD_n` that become the surface's two sets.
+    /// For each model material, the two `TEXCOORD_n` that become the surface's two sets.
     pub(super) uv_sets: Vec<[usize; 2]>,
     /// Indexed by [`TextureRef::texture`].
     pub(super) textures: Vec<TextureUse>,
+    /// Notes for the report.
     pub(super) notes: Vec<String>,
 }
 
@@ -53,6 +54,39 @@ pub(super) fn read(asset: Asset<'_>, root: &Root<'_>, used: &[Option<usize>]) ->
         collector.out.uv_sets.push(uv_sets);
     }
     Ok(collector.out)
+}
+
+/// The place of each glTF material in the model and on the surface. The last entry of both lists stands for no
+/// material.
+pub(super) struct MaterialSlots {
+    /// For each glTF material, its index in the model.
+    model_index: Vec<Option<u32>>,
+    /// For each glTF material, the two `TEXCOORD_n` that become the surface's two sets.
+    uv_sets: Vec<[usize; 2]>,
+}
+
+impl MaterialSlots {
+    /// Slots for a file of `count` materials, of which `materials` holds those in `used`.
+    pub(super) fn of(used: &[Option<usize>], materials: &Materials, count: usize) -> Self {
+        let mut out = Self { model_index: vec![None; count + 1], uv_sets: vec![[0, 1]; count + 1] };
+        for (k, material) in used.iter().enumerate() {
+            let slot = out.slot(*material);
+            out.model_index[slot] = Some(k as u32);
+            out.uv_sets[slot] = materials.uv_sets[k];
+        }
+        out
+    }
+
+    /// Index in the model of a primitive's material, and its `TEXCOORD_n`.
+    pub(super) fn of_primitive(&self, material: Option<usize>) -> (u32, [usize; 2]) {
+        let slot = self.slot(material);
+        (self.model_index[slot].unwrap_or_default(), self.uv_sets[slot])
+    }
+
+    fn slot(&self, material: Option<usize>) -> usize {
+        let none = self.uv_sets.len() - 1;
+        material.map_or(none, |material| material.min(none))
+    }
 }
 
 struct Collector<'a> {
@@ -100,7 +134,7 @@ impl Collector<'_> {
         Ok((material, uv_sets))
     }
 
-    /// The two `TEXCOORD_n` a material gets: 0 and 1 unless it uses higher ones.
+    /// The two `TEXCOORD_n` that a material gets: 0 and 1, unless it uses higher ones.
     fn uv_sets(&mut self, infos: &[&Option<TextureInfo>]) -> [usize; 2] {
         let mut sets: Vec<usize> = infos.iter().filter_map(|info| info.as_ref().map(uv_set)).collect();
         sets.sort_unstable();
@@ -161,7 +195,7 @@ fn uv_set(info: &TextureInfo) -> usize {
     info.extensions.transform.as_ref().and_then(|transform| transform.tex_coord).unwrap_or(info.tex_coord)
 }
 
-/// `KHR_texture_transform`: scale, then rotate, then move. A positive angle turns v towards u.
+/// `KHR_texture_transform`: scale, then rotation, then translation. A positive angle rotates v towards u.
 fn transform(info: &TextureInfo) -> Affine2 {
     let Some(transform) = &info.extensions.transform else { return Affine2::IDENTITY };
     let (scale, angle) = (Vec2::from(transform.scale.unwrap_or([1.0; 2])), transform.rotation);

@@ -1,8 +1,8 @@
 //! `EXT_meshopt_compression` and `KHR_meshopt_compression`.
 //!
-//! Compressed buffer views are decoded by the `meshopt` crate into the fallback buffers they name, and the extension is
-//! taken out of the JSON: from here on, and in the export, the file is an ordinary glTF. Fallback buffers that carry
-//! data of their own are used as they are.
+//! The `meshopt` crate decodes compressed buffer views into the fallback buffers that they name. The extension is then
+//! removed from the JSON, so that the rest of the import and the export see an ordinary glTF. Fallback buffers with
+//! data of their own are used unchanged.
 
 use std::collections::BTreeMap;
 
@@ -15,7 +15,7 @@ use crate::Error;
 
 const NAMES: [&str; 2] = ["EXT_meshopt_compression", "KHR_meshopt_compression"];
 
-/// Whether any buffer view is compressed.
+/// True if any buffer view is compressed.
 pub(super) fn is_used(root: &Root<'_>) -> bool {
     root.buffer_views.iter().any(|view| view.extensions.meshopt().is_some())
 }
@@ -53,8 +53,8 @@ pub(super) fn decode(asset: Asset<'_>, root: &Root<'_>, buffers: &mut [Bytes]) -
     Ok(())
 }
 
-/// Takes the extension out of the JSON.
-pub(super) fn forget(json: &mut Value) {
+/// Removes the extension from the JSON.
+pub(super) fn remove_extension(json: &mut Value) {
     for list in ["buffers", "bufferViews"] {
         for item in json.get_mut(list).and_then(Value::as_array_mut).into_iter().flatten() {
             let Some(item) = item.as_object_mut() else { continue };
@@ -75,7 +75,7 @@ pub(super) fn forget(json: &mut Value) {
     }
 }
 
-/// Decodes one view and undoes its filter. Sizes are checked here, since the decoder asserts them.
+/// Decodes one view and undoes its filter. Sizes are checked first, since the decoder panics on wrong ones.
 fn unpack(bytes: &[u8], packed: &MeshoptView<'_>, byte_length: usize) -> Result<Vec<u8>, String> {
     let (count, stride) = (packed.count, packed.byte_stride);
     if count.checked_mul(stride) != Some(byte_length) {
@@ -120,7 +120,7 @@ fn filtered<T: bytemuck::Pod>(bytes: &mut [u8], filter: impl Fn(&mut [T])) {
     bytes.copy_from_slice(bytemuck::cast_slice(&elements));
 }
 
-/// A vertex of a size known to the compiler, as the decoder wants it.
+/// A vertex whose size the compiler knows, as the decoder requires.
 #[derive(Clone)]
 struct Vertex<const N: usize>([u8; N]);
 

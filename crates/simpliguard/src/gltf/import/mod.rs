@@ -1,12 +1,14 @@
-//! glTF to [`Model`]: one surface in world space, its materials, textures and bones, and the file itself for the export.
+//! The import: glTF to [`Model`]. A model holds one surface in world space, its materials, textures and bones, and the
+//! file itself for the export.
 //!
-//! Follows glTF 2.0 and the extensions listed in `extensions.rs`. Files come from anywhere, so nothing is taken on
-//! trust: the JSON is read by the schema of what is needed, every index and extent is checked where it is followed,
-//! URIs stay inside the model's folder, and [`Limits`] are checked before memory is taken. A broken file gives an
-//! [`Error`], never a panic.
+//! It follows glTF 2.0 and the extensions listed in `extensions.rs`. Files come from anywhere, so nothing in them is
+//! trusted: a schema reads the part of the JSON that is needed, every index and extent is checked where it is followed,
+//! URIs stay inside the model's folder, and [`ImportLimits`] are checked before memory is allocated. A broken file
+//! gives an [`Error`], never a panic.
 //!
-//! Limits: two sets of texture coordinates and one set of vertex colours per material; morph targets move positions
-//! alone once they are weighted by a clip, texture coordinates and colours never.
+//! Limits: a material has two sets of texture coordinates and one set of vertex colours. Morph targets of the rest pose
+//! move positions, normals and tangents; those that a clip weights move positions alone. No morph target changes
+//! texture coordinates or colours.
 
 mod accessor;
 mod asset;
@@ -15,14 +17,17 @@ mod clips;
 mod container;
 mod extensions;
 mod images;
+mod influences;
+mod instances;
+mod limits;
 mod material;
 mod meshopt;
 mod morphs;
 mod nodes;
 mod primitive;
 mod resources;
-mod rig;
 mod schema;
+mod skeleton;
 mod surface;
 
 #[cfg(test)]
@@ -33,64 +38,37 @@ use serde_json::Value;
 
 use self::accessor::Reader;
 use self::asset::Asset;
-use self::material::Materials;
+use self::container::Container;
+use self::material::{MaterialSlots, Materials};
 use self::morphs::Driver;
 use self::nodes::Tree;
-use self::resources::{ExternalImage, Loader};
-use self::rig::Skeleton;
-use self::surface::{Assembly, MaterialSlots};
+use self::resources::{Loader, SourceImage};
+use self::skeleton::SourceSkeleton;
+use self::surface::Assembler;
 use crate::data::{Document, Model, Surface};
-use crate::{Context, Error, Source};
+use crate::{Cancellation, Error, Source};
 
 pub use self::extensions::has_levels;
-
-/// What a file may ask of the machine. Each is checked before the memory is taken.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Limits {
-    /// The file and everything it refers to, in bytes.
-    pub bytes: u64,
-    /// Values in the JSON.
-    pub json_values: u64,
-    /// glTF nodes.
-    pub nodes: u64,
-    /// Depth of the node tree.
-    pub depth: u64,
-    /// Triangles of the default scene over all instances.
-    pub triangles: u64,
-    /// Texels of all images in use.
-    pub texels: u64,
-}
-
-impl Default for Limits {
-    fn default() -> Self {
-        Self {
-            bytes: 2 << 30,
-            json_values: 20_000_000,
-            nodes: 200_000,
-            depth: 512,
-            triangles: 20_000_000,
-            texels: 512 << 20,
-        }
-    }
-}
+pub use self::limits::ImportLimits;
 
 /// Reads `source`. A file without triangles gives a model with an empty surface.
 ///
 /// # Errors
-/// [`Error::Invalid`] if it is no glTF or breaks its rules, [`Error::Resource`] if a buffer or a texture in use cannot be
-/// read or decoded, [`Error::Extension`] if it requires an extension that is not understood, [`Error::Limit`] over one
-/// of `limits`.
-pub fn import(source: &Source<'_>, limits: &Limits) -> Result<Model, Error> {
-    import_in(source, limits, &Context::default())
+/// [`Error::Invalid`] if it is no glTF or breaks its rules, [`Error::Resource`] if a buffer or a texture in use cannot
+/// be read or decoded, [`Error::Extension`] if it requires an extension that is not understood, [`Error::Limit`] over
+/// one of `limits`.
+pub fn import(source: &Source<'_>, limits: &ImportLimits) -> Result<Model, Error> {
+    import_in(source, limits, &Cancellation::default())
 }
 
 /// As [`import`], within a bake that may be cancelled.
-pub(crate) fn import_in(source: &Source<'_>, limits: &Limits, context: &Context<'_>) -> Result<Model, Error> {
-    let asset = Asset { name: source.name, limits, context };
-    let container = container::parse(asset, source.bytes)?;
-    let mut json = container.json;
-    let mut loader = Loader::new(asset, source);
-    let (buffers, external) = load(&mut loader, &mut json, container.bin)?;
+pub(crate) fn import_in(
+    source: &Source<'_>,
+    limits: &ImportLimits,
+    cancellation: &Cancellation,
+) -> Result<Model, Error> {
+    let asset = Asset { name: source.name, limits, cancellation };
+    let Loaded { json, buffers, images } = load(asset, source)?;
     let root = asset.schema(&json)?;
     let reader = Reader { asset, root: &root, buffers: &buffers };
 
@@ -99,79 +77,69 @@ pub(crate) fn import_in(source: &Source<'_>, limits: &Limits, context: &Context<
     if !mesh_nodes.is_empty() {
         resources::check_complete(asset, &root, &buffers)?;
     }
-    let skeleton = Skeleton::of(reader, &tree, &mesh_nodes)?;
+    let skeleton = SourceSkeleton::of(reader, &tree, &mesh_nodes)?;
     let driver = Driver::of(reader, &json, &mesh_nodes);
-    let used = used_materials(reader, &mesh_nodes);
+    let used = surface::used_materials(reader, &mesh_nodes);
     let materials = material::read(asset, &root, &used)?;
     let slots = MaterialSlots::of(&used, &materials, root.materials.len());
-    let (textures, assembly) = rayon::join(
-        || images::decode(reader, &external, &materials.textures),
-        || surface::assemble(reader, &tree, &mesh_nodes, &skeleton, &driver, &slots),
-    );
+    let assembler = Assembler { reader, tree: &tree, skeleton: &skeleton, driver: &driver, materials: &slots };
+    let (textures, assembly) =
+        rayon::join(|| images::decode(reader, &images, &materials.textures), || assembler.assemble(&mesh_nodes));
     let (textures, mut assembly) = (textures?, assembly?);
     asset.check()?;
-    let faces = assembly.surface.triangles.len();
-    let dropped = clean::clean(&mut assembly.surface);
-    dropped.check(asset, faces)?;
-    trim_optional(&mut assembly.surface, &materials);
+    let dropped = clean::clean(asset, &mut assembly.surface)?;
+    clear_unused_uvs(&mut assembly.surface, &materials);
 
-    let mut notes = notes(reader, &tree, &assembly, dropped);
-    notes.extend(materials.notes);
-    notes.extend(skeleton.notes);
-    notes.extend(driver.notes);
     let used: Vec<usize> = used.into_iter().flatten().collect();
-    notes.extend(extensions::dropped_material_extensions(&json, &used));
-    notes.extend(external.iter().enumerate().filter_map(|(image, external)| match external {
-        ExternalImage::Failed { uri, reason } => Some(format!("unused image {image} '{uri}' is left out: {reason}")),
-        ExternalImage::InBuffer | ExternalImage::Read { .. } => None,
-    }));
-    let images = external.into_iter().map(|external| match external {
-        ExternalImage::Read { bytes, mime, .. } => Some((bytes, mime)),
-        ExternalImage::InBuffer | ExternalImage::Failed { .. } => None,
-    });
+    let notes = [
+        dropped.notes(),
+        assembly.notes(),
+        surface::skipped_primitives(reader, &tree),
+        materials.notes,
+        skeleton.notes,
+        driver.notes,
+        extensions::dropped_material_extensions(&json, &used),
+        resources::unread_images(&images),
+    ];
     drop(root);
+    let images = images.into_iter().map(SourceImage::into_bytes).collect();
     Ok(Model {
         name: source.name.to_owned(),
         surface: assembly.surface,
         materials: materials.materials,
         textures,
         rig: skeleton.rig,
-        document: Document { images: images.collect(), json, buffers, mesh_nodes, node_world: tree.world },
-        notes,
+        document: Document { images, json, buffers, mesh_nodes, node_world: tree.world },
+        notes: notes.concat(),
     })
 }
 
-/// Reads what the JSON refers to. Compressed buffer views are decoded and `json` then describes the decoded ones.
-fn load(
-    loader: &mut Loader<'_>,
-    json: &mut Value,
-    bin: Option<Bytes>,
-) -> Result<(Vec<Bytes>, Vec<ExternalImage>), Error> {
-    let asset = loader.asset;
-    let root = asset.schema(json)?;
+/// A file and all bytes that it refers to.
+struct Loaded {
+    json: Value,
+    buffers: Vec<Bytes>,
+    images: Vec<SourceImage>,
+}
+
+/// Reads the JSON and the files it refers to. Compressed buffer views are decoded; the JSON then describes the decoded
+/// ones.
+fn load(asset: Asset<'_>, source: &Source<'_>) -> Result<Loaded, Error> {
+    let Container { mut json, bin } = container::parse(asset, source.bytes)?;
+    let mut loader = Loader::new(asset, source);
+    let root = asset.schema(&json)?;
     extensions::check_required(asset, &root.extensions_required)?;
     let mut buffers = loader.buffers(&root, bin)?;
     let images = loader.images(&root)?;
     if meshopt::is_used(&root) {
         meshopt::decode(asset, &root, &mut buffers)?;
         drop(root);
-        meshopt::forget(json);
+        meshopt::remove_extension(&mut json);
     }
-    Ok((buffers, images))
+    Ok(Loaded { json, buffers, images })
 }
 
-/// The materials on triangles of the default scene, ascending, the default material last.
-fn used_materials(reader: Reader<'_>, mesh_nodes: &[usize]) -> Vec<Option<usize>> {
-    let meshes = mesh_nodes.iter().filter_map(|&node| reader.root.meshes.get(reader.root.nodes[node].mesh?));
-    let primitives = meshes.flat_map(|mesh| &mesh.primitives).filter(|primitive| primitive::has_triangles(primitive));
-    let mut used: Vec<Option<usize>> = primitives.map(|primitive| primitive.material).collect();
-    used.sort_unstable_by_key(|material| (material.is_none(), *material));
-    used.dedup();
-    used
-}
-
-/// Empties the attributes that nothing uses.
-fn trim_optional(surface: &mut Surface, materials: &Materials) {
+/// Empties the second set of texture coordinates if no material uses it.
+fn clear_unused_uvs(surface: &mut Surface, materials: &Materials) {
     let second_used = materials.materials.iter().any(|material| {
         let slots = [
             material.base_color_texture,
@@ -185,20 +153,4 @@ fn trim_optional(surface: &mut Surface, materials: &Materials) {
     if !second_used {
         surface.uvs[1] = Vec::new();
     }
-}
-
-/// What was left out of the surface, in words.
-fn notes(reader: Reader<'_>, tree: &Tree, assembly: &Assembly, dropped: clean::Dropped) -> Vec<String> {
-    let meshes = tree.nodes.iter().filter_map(|&node| reader.root.meshes.get(reader.root.nodes[node].mesh?));
-    let left_out = meshes.flat_map(|mesh| &mesh.primitives).filter(|primitive| !primitive::has_triangles(primitive));
-    let counts = [
-        (dropped.not_finite, "faces with corners that are not finite are dropped"),
-        (dropped.too_far, "faces with corners over 1e9 metres from the origin are dropped"),
-        (dropped.degenerate, "degenerate faces are dropped"),
-        (dropped.duplicate, "duplicate faces are dropped"),
-        (assembly.stray_weights, "weights on joints that the skin does not have are dropped"),
-        (left_out.count(), "primitives that are points, lines or without positions are left out of the levels"),
-    ];
-    let counted = counts.into_iter().filter(|(count, _)| *count > 0);
-    counted.map(|(count, what)| format!("{count} {what}")).collect()
 }

@@ -1,8 +1,8 @@
-//! Which of a file's morph targets its levels take over.
+//! The choice of the morph targets that the levels take over.
 //!
-//! A level is one mesh with one list of weights. Its targets are those of the first node that has any; other nodes with
-//! targets of the same names and default weights, as the head, teeth and lashes of one face, are taken to be driven
-//! alike. The targets of all others stay at their default weights.
+//! A level is one mesh with one list of weights. Its targets are those of the first node that has any. Other nodes may
+//! have targets with the same names and default weights, like the head, teeth and lashes of one face: they are assumed
+//! to be driven in the same way. The targets of all other nodes stay at their default weights.
 
 use serde_json::Value;
 
@@ -10,19 +10,19 @@ use super::accessor::Reader;
 use super::schema::Node;
 use crate::data::{MorphTarget, Morphs};
 
-/// The node that drives the targets, and those that go with it.
+/// The node that drives the targets, and the nodes that follow it.
 #[derive(Debug, Default)]
 pub(super) struct Driver {
-    /// The targets, without what they move.
+    /// The targets, without displacements.
     pub(super) morphs: Option<Morphs>,
     /// Nodes whose meshes have these targets, ascending.
     nodes: Vec<usize>,
-    /// What stays still, in words.
+    /// Notes for the report: targets that stay at their default weights.
     pub(super) notes: Vec<String>,
 }
 
 impl Driver {
-    /// The driver of a file with these nodes with triangles.
+    /// The driver of a file whose triangles are at `mesh_nodes`.
     pub(super) fn of(reader: Reader<'_>, json: &Value, mesh_nodes: &[usize]) -> Self {
         let mut out = Self::default();
         for &index in mesh_nodes {
@@ -45,13 +45,13 @@ impl Driver {
         out
     }
 
-    /// Whether the mesh of a node goes with the targets.
+    /// True if the mesh of a node has these targets.
     pub(super) fn drives(&self, node: usize) -> bool {
         self.nodes.binary_search(&node).is_ok()
     }
 }
 
-/// The targets of a node's mesh, with names and weights: as many as the primitive with the most has.
+/// The targets of a node's mesh, with names and weights: as many as its primitive with the most targets has.
 fn targets(reader: Reader<'_>, json: &Value, node: &Node<'_>) -> Vec<MorphTarget> {
     let Some((index, mesh)) = node.mesh.and_then(|index| Some((index, reader.root.meshes.get(index)?))) else {
         return Vec::new();
@@ -62,7 +62,7 @@ fn targets(reader: Reader<'_>, json: &Value, node: &Node<'_>) -> Vec<MorphTarget
     let target = |k: usize| MorphTarget {
         name: names.and_then(|names| names.get(k)?.as_str()).unwrap_or_default().to_owned(),
         weight: weights.get(k).copied().unwrap_or(0.0),
-        moves: Vec::new(),
+        displacements: Vec::new(),
     };
     (0..count).map(target).collect()
 }

@@ -3,7 +3,7 @@
 use glam::{Mat4, Quat, Vec3};
 
 use super::asset::Asset;
-use super::schema::{Node, Root};
+use super::schema::{ChannelTarget, Node, Root};
 use crate::Error;
 
 /// World matrices and parents of the default scene's nodes.
@@ -13,13 +13,17 @@ pub(super) struct Tree {
     pub(super) world: Vec<Mat4>,
     /// The nodes of the default scene, ascending.
     pub(super) nodes: Vec<usize>,
-    /// The same, each behind its parent.
+    /// The same nodes, each after its parent.
     order: Vec<usize>,
     parent: Vec<Option<usize>>,
 }
 
 impl Tree {
-    /// Walks the default scene. A node reached twice (a cycle, or two parents) is an error.
+    /// Walks the default scene.
+    ///
+    /// # Errors
+    /// [`Error::Invalid`] if a node is reached twice, through a cycle or two parents, or has a transform that is not
+    /// finite; [`Error::Limit`] over the limits on nodes and depth.
     pub(super) fn of(asset: Asset<'_>, root: &Root<'_>) -> Result<Self, Error> {
         asset.within("the number of nodes", root.nodes.len(), asset.limits.nodes)?;
         let mut tree = Self {
@@ -55,7 +59,7 @@ impl Tree {
         Ok(tree)
     }
 
-    /// World matrix of each node with other local ones; identity outside the default scene.
+    /// World matrix of each node for other local matrices; identity outside the default scene.
     pub(super) fn world_with(&self, local: impl Fn(usize) -> Mat4) -> Vec<Mat4> {
         let mut world = vec![Mat4::IDENTITY; self.parent.len()];
         for &node in &self.order {
@@ -70,7 +74,7 @@ impl Tree {
         std::iter::successors(Some(node), |&node| self.parent[node])
     }
 
-    /// For each node, whether an animation moves it, itself or through an ancestor.
+    /// Per node, true if an animation moves it or one of its ancestors.
     pub(super) fn animated(&self, root: &Root<'_>) -> Vec<bool> {
         let mut targeted = vec![false; root.nodes.len()];
         for channel in root.animations.iter().flat_map(|animation| &animation.channels) {
@@ -83,7 +87,7 @@ impl Tree {
 }
 
 /// The node whose transform a channel drives.
-fn moved_node(target: &super::schema::ChannelTarget<'_>) -> Option<usize> {
+fn moved_node(target: &ChannelTarget<'_>) -> Option<usize> {
     let moves = |path: &str| matches!(path, "translation" | "rotation" | "scale" | "matrix");
     if moves(target.path) {
         return target.node;
@@ -93,7 +97,7 @@ fn moved_node(target: &super::schema::ChannelTarget<'_>) -> Option<usize> {
     if moves(path) { node.parse().ok() } else { None }
 }
 
-/// Roots of the default scene: `scene`, else the first scene, else every node without a parent.
+/// Roots of the default scene: those of `scene`, else of the first scene, else every node without a parent.
 fn scene_roots(asset: Asset<'_>, root: &Root<'_>) -> Result<Vec<usize>, Error> {
     if !root.scenes.is_empty() {
         return Ok(asset.item(&root.scenes, root.scene.unwrap_or(0), "scene")?.nodes.clone());
@@ -107,7 +111,7 @@ fn scene_roots(asset: Asset<'_>, root: &Root<'_>) -> Result<Vec<usize>, Error> {
     Ok((0..root.nodes.len()).filter(|&node| !is_child[node]).collect())
 }
 
-/// A node's own transform in the rest pose.
+/// A node's transform relative to its parent, in the rest pose.
 pub(super) fn local_matrix(node: &Node<'_>) -> Mat4 {
     if let Some(matrix) = node.matrix {
         return Mat4::from_cols_array(&matrix);
@@ -119,7 +123,7 @@ pub(super) fn local_matrix(node: &Node<'_>) -> Mat4 {
     )
 }
 
-/// Translation, rotation, scale to a matrix; the quaternion need not be of unit length.
+/// The matrix of translation, rotation and scale. The quaternion may have any length.
 pub(super) fn trs(translation: Vec3, rotation: Quat, scale: Vec3) -> Mat4 {
     let length = rotation.length();
     let unit = if length.is_finite() && length > 0.0 { rotation / length } else { Quat::IDENTITY };

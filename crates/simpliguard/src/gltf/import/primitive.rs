@@ -3,42 +3,42 @@
 use glam::{Vec2, Vec3, Vec4};
 
 use super::accessor::Reader;
-use super::rig;
+use super::influences::{has_joints, influences};
 use super::schema;
 use crate::Error;
-use crate::data::Influences;
+use crate::data::{Influences, area_vector};
 use crate::geometry::{first_equal, position_bits};
 
 const TRIANGLES: u32 = 4;
 const TRIANGLE_STRIP: u32 = 5;
 const TRIANGLE_FAN: u32 = 6;
 
-/// Triangles and their vertices; optional attributes have the length of `positions`.
+/// Triangles and their vertices. Attributes that are present have the length of `positions`.
 #[derive(Debug, Default)]
-pub(super) struct Primitive {
-    /// Morph targets applied.
+pub(super) struct PrimitiveMesh {
+    /// Includes morph targets at their default weights.
     pub(super) positions: Vec<Vec3>,
-    /// Unit length, or zero where no triangle has area.
+    /// Unit length, or zero for a vertex without a triangle of positive area.
     pub(super) normals: Vec<Vec3>,
     pub(super) tangents: Option<Vec<Vec4>>,
     pub(super) uvs: [Option<Vec<Vec2>>; 2],
     pub(super) colors: Option<Vec<Vec4>>,
     /// Red of the second vertex colour.
     pub(super) painted: Option<Vec<f32>>,
-    /// Skeleton as numbered by the skin; all zero where no weight is positive.
+    /// Joints as numbered by the skin; all zero for a vertex without positive weights.
     pub(super) influences: Option<Vec<Influences>>,
     pub(super) triangles: Vec<[u32; 3]>,
-    /// How far each morph target moves each vertex; empty for targets that move none, and for all if not asked for.
-    pub(super) moves: Vec<Vec<Vec3>>,
+    /// Displacement of each vertex by each morph target. Empty for targets without positions, and if not asked for.
+    pub(super) displacements: Vec<Vec<Vec3>>,
 }
 
-/// Whether a primitive is made of triangles with positions.
+/// True if a primitive is made of triangles with positions.
 pub(super) fn has_triangles(primitive: &schema::Primitive<'_>) -> bool {
     let mode = primitive.mode.unwrap_or(TRIANGLES);
     matches!(mode, TRIANGLES | TRIANGLE_STRIP | TRIANGLE_FAN) && primitive.attributes.contains_key("POSITION")
 }
 
-/// Number of triangles, known before anything is read.
+/// Number of triangles, from the accessors' counts alone.
 pub(super) fn triangle_count(reader: Reader<'_>, primitive: &schema::Primitive<'_>) -> Result<usize, Error> {
     if !has_triangles(primitive) {
         return Ok(0);
@@ -47,21 +47,21 @@ pub(super) fn triangle_count(reader: Reader<'_>, primitive: &schema::Primitive<'
     Ok(if primitive.mode.unwrap_or(TRIANGLES) == TRIANGLES { corners / 3 } else { corners.saturating_sub(2) })
 }
 
-/// Reads `primitive`, morphed by `weights`, `with_moves` what its targets move too. `uv_sets` are the `TEXCOORD_n` that
-/// become the surface's two.
+/// Reads `primitive`, with its morph targets applied at `weights`, and with their displacements if
+/// `with_displacements`. `uv_sets` are the `TEXCOORD_n` that become the surface's two sets.
 pub(super) fn read(
     reader: Reader<'_>,
     primitive: &schema::Primitive<'_>,
     weights: &[f32],
-    with_moves: bool,
+    with_displacements: bool,
     uv_sets: [usize; 2],
-) -> Result<Primitive, Error> {
+) -> Result<PrimitiveMesh, Error> {
     let mut triangles = triangles(reader, primitive)?;
     let used = renumber(&mut triangles, vertex_count(reader, primitive)?);
     let attributes = Attributes { reader, primitive, weights, used: &used };
     let positions: Vec<Vec3> = attributes.morphed("POSITION")?.unwrap_or_default();
     let normals: Option<Vec<Vec3>> = attributes.morphed("NORMAL")?;
-    Ok(Primitive {
+    Ok(PrimitiveMesh {
         normals: completed_normals(normals, &positions, &triangles),
         positions,
         tangents: attributes.tangents()?,
@@ -69,7 +69,7 @@ pub(super) fn read(
         colors: attributes.colors("COLOR_0")?,
         painted: attributes.colors("COLOR_1")?.map(|colors| colors.iter().map(|c| c.x.min(1.0)).collect()),
         influences: attributes.influences()?,
-        moves: if with_moves { attributes.moves()? } else { Vec::new() },
+        displacements: if with_displacements { attributes.displacements()? } else { Vec::new() },
         triangles,
     })
 }
@@ -82,7 +82,7 @@ fn corner_count(reader: Reader<'_>, primitive: &schema::Primitive<'_>) -> Result
     primitive.indices.map_or_else(|| vertex_count(reader, primitive), |accessor| reader.count(accessor))
 }
 
-/// Triangles by the primitive's own vertex numbers, each checked against the number of vertices.
+/// Triangles with the primitive's own vertex numbers, checked against the number of vertices.
 fn triangles(reader: Reader<'_>, primitive: &schema::Primitive<'_>) -> Result<Vec<[u32; 3]>, Error> {
     let (corners, vertices) = (corner_count(reader, primitive)? as u32, vertex_count(reader, primitive)?);
     let corners: Vec<u32> = match primitive.indices {
@@ -106,7 +106,7 @@ fn triangles(reader: Reader<'_>, primitive: &schema::Primitive<'_>) -> Result<Ve
 /// Renumbers the corners in order of first use and returns the old number of each vertex.
 fn renumber(triangles: &mut [[u32; 3]], vertices: usize) -> Vec<u32> {
     let mut used = Vec::new();
-    // Zero means not seen yet: zeroed memory that is never touched costs nothing, however large the shared buffer.
+    // Zero means not seen yet. Zeroed memory that is never touched costs nothing, even for a large shared buffer.
     let mut new_number = vec![0u32; vertices];
     for vertex in triangles.iter_mut().flatten() {
         let slot = &mut new_number[*vertex as usize];
@@ -119,7 +119,7 @@ fn renumber(triangles: &mut [[u32; 3]], vertices: usize) -> Vec<u32> {
     used
 }
 
-/// Reads the attributes of the vertices in use.
+/// Reads the attributes of the used vertices.
 struct Attributes<'a> {
     reader: Reader<'a>,
     primitive: &'a schema::Primitive<'a>,
@@ -154,8 +154,8 @@ impl Attributes<'_> {
         Ok(())
     }
 
-    /// What each morph target adds to the positions.
-    fn moves(&self) -> Result<Vec<Vec<Vec3>>, Error> {
+    /// The displacements of each morph target.
+    fn displacements(&self) -> Result<Vec<Vec<Vec3>>, Error> {
         let target = |target: &std::collections::BTreeMap<&str, usize>| match target.get("POSITION") {
             Some(&accessor) => Ok(self.reader.floats(accessor, self.at())?.into_iter().map(Vec3::from).collect()),
             None => Ok(Vec::new()),
@@ -188,9 +188,9 @@ impl Attributes<'_> {
         Ok(Some(colors.into_iter().map(sound).collect()))
     }
 
-    /// The four heaviest joints over all `JOINTS_n` and `WEIGHTS_n`.
+    /// The four joints of largest weight over all `JOINTS_n` and `WEIGHTS_n`.
     fn influences(&self) -> Result<Option<Vec<Influences>>, Error> {
-        if !rig::has_joints(self.primitive) {
+        if !has_joints(self.primitive) {
             return Ok(None);
         }
         let (mut joints, mut weights) = (Vec::new(), Vec::new());
@@ -205,13 +205,13 @@ impl Attributes<'_> {
             let pairs = (0..joints.len())
                 .flat_map(set)
                 .filter_map(|(s, k)| Some((u16::try_from(joints[s][vertex][k]).ok()?, weights[s][vertex][k])));
-            rig::influences(pairs).unwrap_or_default()
+            influences(pairs).unwrap_or_default()
         };
         Ok(Some((0..self.used.len()).map(of_vertex).collect()))
     }
 }
 
-/// The given normals at unit length; where they are missing or zero, the area-weighted mean of the faces around the
+/// The given normals at unit length. Missing or zero normals become the area-weighted mean of the faces around the
 /// position.
 fn completed_normals(given: Option<Vec<Vec3>>, positions: &[Vec3], triangles: &[[u32; 3]]) -> Vec<Vec3> {
     let unit = |normal: Vec3| normal.try_normalize().unwrap_or_default();
@@ -225,8 +225,7 @@ fn completed_normals(given: Option<Vec<Vec3>>, positions: &[Vec3], triangles: &[
     let welded = first_equal(positions.len(), |vertex| position_bits(positions[vertex]));
     let mut sums = vec![Vec3::ZERO; positions.len()];
     for triangle in triangles {
-        let [a, b, c] = triangle.map(|v| positions[v as usize]);
-        let area = (b - a).cross(c - a);
+        let area = area_vector(triangle.map(|v| positions[v as usize]));
         if area.is_finite() {
             triangle.iter().for_each(|&v| sums[welded[v as usize] as usize] += area);
         }

@@ -1,4 +1,4 @@
-//! The bytes a glTF refers to: BIN chunk, `data:` URIs and files beside the model.
+//! The bytes that a glTF refers to: BIN chunk, `data:` URIs and files beside the model.
 
 use base64::Engine as _;
 use base64::engine::{DecodePaddingMode, GeneralPurpose, GeneralPurposeConfig};
@@ -9,19 +9,30 @@ use super::schema::Root;
 use crate::source::percent_decode;
 use crate::{Error, RelativeUri, Source, StageId};
 
-/// Reads by URI and keeps count of the bytes.
+/// Reads URIs and counts the bytes.
 pub(super) struct Loader<'a> {
     pub(super) asset: Asset<'a>,
     source: &'a Source<'a>,
     total: u64,
 }
 
-/// The encoded bytes and MIME type of an image given by URI, or the reason why there are none.
+/// An image of the file: in a buffer view, or given by URI, with its encoded bytes and MIME type or the reason why it
+/// could not be read.
 #[derive(Debug)]
-pub(super) enum ExternalImage {
+pub(super) enum SourceImage {
     InBuffer,
     Read { uri: String, bytes: Bytes, mime: &'static str },
     Failed { uri: String, reason: String },
+}
+
+impl SourceImage {
+    /// Bytes and MIME type, if the image was given by URI and read.
+    pub(super) fn into_bytes(self) -> Option<(Bytes, &'static str)> {
+        match self {
+            Self::Read { bytes, mime, .. } => Some((bytes, mime)),
+            Self::InBuffer | Self::Failed { .. } => None,
+        }
+    }
 }
 
 impl<'a> Loader<'a> {
@@ -29,8 +40,8 @@ impl<'a> Loader<'a> {
         Self { asset, source, total: source.bytes.len() as u64 }
     }
 
-    /// All buffers, each at least as long as it says, but for those without a URI and a BIN chunk: they are empty, and
-    /// [`check_complete`] tells whether that matters.
+    /// All buffers, each at least as long as it says. A buffer with neither a URI nor a BIN chunk is empty;
+    /// [`check_complete`] reports it if the model needs it.
     pub(super) fn buffers(&mut self, root: &Root<'_>, mut bin: Option<Bytes>) -> Result<Vec<Bytes>, Error> {
         let mut out = Vec::with_capacity(root.buffers.len());
         for (index, buffer) in root.buffers.iter().enumerate() {
@@ -53,12 +64,12 @@ impl<'a> Loader<'a> {
         Ok(out)
     }
 
-    /// All images given by URI. One that cannot be read is an error only once a material asks for it.
-    pub(super) fn images(&mut self, root: &Root<'_>) -> Result<Vec<ExternalImage>, Error> {
+    /// All images. An image that cannot be read becomes an error only when a material refers to it.
+    pub(super) fn images(&mut self, root: &Root<'_>) -> Result<Vec<SourceImage>, Error> {
         let mut out = Vec::with_capacity(root.images.len());
         for image in &root.images {
             let Some(uri) = image.uri else {
-                out.push(ExternalImage::InBuffer);
+                out.push(SourceImage::InBuffer);
                 continue;
             };
             let found = self.read(uri)?.and_then(|bytes| match mime_of(&bytes) {
@@ -66,14 +77,14 @@ impl<'a> Loader<'a> {
                 None => Err("it is no PNG, JPEG, WebP, KTX2 or DDS image".to_owned()),
             });
             out.push(match found {
-                Ok((bytes, mime)) => ExternalImage::Read { uri: short(uri), bytes, mime },
-                Err(reason) => ExternalImage::Failed { uri: short(uri), reason },
+                Ok((bytes, mime)) => SourceImage::Read { uri: shortened(uri), bytes, mime },
+                Err(reason) => SourceImage::Failed { uri: shortened(uri), reason },
             });
         }
         Ok(out)
     }
 
-    /// The bytes at `uri`; the inner error is the reason why they cannot be had, the outer a limit.
+    /// The bytes at `uri`. The inner error is the reason why they cannot be read, the outer one a limit.
     fn read(&mut self, uri: &str) -> Result<Result<Bytes, String>, Error> {
         let bytes = if is_data_uri(uri) {
             self.count(uri.len())?;
@@ -98,7 +109,16 @@ impl<'a> Loader<'a> {
     }
 }
 
-/// Whether every buffer holds what it says.
+/// Notes for the report: images that could not be read, and that no material refers to.
+pub(super) fn unread_images(images: &[SourceImage]) -> Vec<String> {
+    let note = |(image, external): (usize, &SourceImage)| match external {
+        SourceImage::Failed { uri, reason } => Some(format!("unused image {image} '{uri}' is left out: {reason}")),
+        SourceImage::InBuffer | SourceImage::Read { .. } => None,
+    };
+    images.iter().enumerate().filter_map(note).collect()
+}
+
+/// `Err` if a buffer is shorter than it says.
 pub(super) fn check_complete(asset: Asset<'_>, root: &Root<'_>, buffers: &[Bytes]) -> Result<(), Error> {
     match root.buffers.iter().zip(buffers).position(|(buffer, bytes)| bytes.len() < buffer.byte_length) {
         Some(index) => Err(asset.invalid(format!("buffer {index} has neither a URI nor a BIN chunk"))),
@@ -106,13 +126,13 @@ pub(super) fn check_complete(asset: Asset<'_>, root: &Root<'_>, buffers: &[Bytes
     }
 }
 
-/// An external file that is needed cannot be had.
+/// The error for a needed file that cannot be read.
 pub(super) fn resource_error(asset: Asset<'_>, uri: &str, reason: String) -> Error {
-    Error::Resource { asset: asset.name.to_owned(), stage: StageId::Import, uri: short(uri), reason }
+    Error::Resource { asset: asset.name.to_owned(), stage: StageId::Import, uri: shortened(uri), reason }
 }
 
-/// A URI for a message: `data:` URIs can be megabytes long.
-fn short(uri: &str) -> String {
+/// A URI for a message, cut to 120 characters: `data:` URIs can be megabytes long.
+fn shortened(uri: &str) -> String {
     const LONGEST: usize = 120;
     if uri.chars().count() <= LONGEST {
         uri.to_owned()
@@ -142,7 +162,7 @@ fn data_uri(uri: &str) -> Result<Bytes, String> {
     decoded.map(Bytes::from).map_err(|error| format!("the data URI is broken: {error}"))
 }
 
-/// The type of an encoded image by its first bytes.
+/// The MIME type of an encoded image, by its first bytes.
 pub(super) fn mime_of(bytes: &[u8]) -> Option<&'static str> {
     Some(match bytes {
         [0x89, b'P', b'N', b'G', ..] => "image/png",

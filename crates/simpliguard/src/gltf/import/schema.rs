@@ -1,7 +1,7 @@
 //! The part of the glTF 2.0 schema that the import reads, borrowed from the parsed JSON.
 //!
-//! Every index is a plain number here: whoever follows one checks it. Properties not listed, and extensions not known,
-//! are left alone in the JSON and go through to the export.
+//! An index is a plain number here, and is checked where it is followed. Properties that are not listed, and unknown
+//! extensions, stay in the JSON for the export.
 
 use std::collections::BTreeMap;
 

@@ -1,52 +1,21 @@
-//! All primitives in world space as one surface, cleaned.
+//! The surface of a model: all primitives in world space.
 
-use glam::{Mat3, Mat4, Quat, Vec3, Vec4};
+use glam::{Mat3, Mat4, Vec3, Vec4};
 
 use super::accessor::Reader;
-use super::material::Materials;
+use super::asset::counted;
+use super::influences::influences;
+use super::instances::{instance_count, instances};
+use super::material::MaterialSlots;
 use super::morphs::Driver;
-use super::nodes::{Tree, trs};
-use super::primitive::{self, Primitive};
-use super::rig::{self, Skeleton};
-use super::schema::Node;
+use super::nodes::Tree;
+use super::primitive::{self, PrimitiveMesh};
+use super::schema::{self, Node};
+use super::skeleton::SourceSkeleton;
 use crate::Error;
 use crate::data::{Influences, Surface};
 
-/// Materials as the surface needs them.
-pub(super) struct MaterialSlots {
-    /// For each glTF material, and last for none, its index in the model.
-    pub(super) model_index: Vec<Option<u32>>,
-    /// For each glTF material, and last for none, the `TEXCOORD_n` that become the two sets.
-    pub(super) uv_sets: Vec<[usize; 2]>,
-}
-
-impl MaterialSlots {
-    /// For a file of `count` materials, of which `materials` holds those in `used`.
-    pub(super) fn of(used: &[Option<usize>], materials: &Materials, count: usize) -> Self {
-        let mut out = Self { model_index: vec![None; count + 1], uv_sets: vec![[0, 1]; count + 1] };
-        for (k, material) in used.iter().enumerate() {
-            let slot = out.slot(*material);
-            out.model_index[slot] = Some(k as u32);
-            out.uv_sets[slot] = materials.uv_sets[k];
-        }
-        out
-    }
-
-    fn slot(&self, material: Option<usize>) -> usize {
-        let none = self.uv_sets.len() - 1;
-        material.map_or(none, |material| material.min(none))
-    }
-}
-
-/// What went into the surface besides its triangles.
-#[derive(Debug, Default)]
-pub(super) struct Assembly {
-    pub(super) surface: Surface,
-    /// Weights on joints that the skin does not have.
-    pub(super) stray_weights: usize,
-}
-
-/// Nodes of the default scene with triangles to them, after the limit on triangles was checked over all instances.
+/// Nodes of the default scene that carry triangles, after the limit on triangles was checked over all instances.
 pub(super) fn mesh_nodes(reader: Reader<'_>, tree: &Tree) -> Result<Vec<usize>, Error> {
     let mut total = 0usize;
     let mut out = Vec::new();
@@ -66,108 +35,152 @@ pub(super) fn mesh_nodes(reader: Reader<'_>, tree: &Tree) -> Result<Vec<usize>, 
     Ok(out)
 }
 
-/// Reads every primitive of the mesh nodes, mesh by mesh, so that a mesh with many nodes is read once.
-pub(super) fn assemble(
-    reader: Reader<'_>,
-    tree: &Tree,
-    mesh_nodes: &[usize],
-    skeleton: &Skeleton,
-    driver: &Driver,
-    materials: &MaterialSlots,
-) -> Result<Assembly, Error> {
-    let mut out = Assembly::default();
-    out.surface.morphs.clone_from(&driver.morphs);
-    let mut by_mesh: Vec<usize> = mesh_nodes.to_vec();
-    by_mesh.sort_by_key(|&node| reader.root.nodes[node].mesh);
-    for nodes in by_mesh.chunk_by(|&a, &b| same_shape(&reader.root.nodes[a], &reader.root.nodes[b])) {
-        let first = &reader.root.nodes[nodes[0]];
-        let Some(mesh) = first.mesh.and_then(|mesh| reader.root.meshes.get(mesh)) else { continue };
-        let weights = first.weights.as_ref().unwrap_or(&mesh.weights);
-        for primitive in mesh.primitives.iter().filter(|primitive| primitive::has_triangles(primitive)) {
-            reader.asset.check()?;
-            let slot = materials.slot(primitive.material);
-            let drives = nodes.iter().any(|&node| driver.drives(node));
-            let mut part = primitive::read(reader, primitive, weights, drives, materials.uv_sets[slot])?;
-            let moves = std::mem::take(&mut part.moves);
-            let material = materials.model_index[slot].unwrap_or_default();
-            for &node in nodes {
-                let moves = if driver.drives(node) { moves.as_slice() } else { &[] };
-                out.place(reader, tree, skeleton, node, (&part, moves), material)?;
-            }
-        }
-    }
-    Ok(out)
+/// The materials of the triangles at `nodes`, ascending, the default material (`None`) last.
+pub(super) fn used_materials(reader: Reader<'_>, nodes: &[usize]) -> Vec<Option<usize>> {
+    let primitives = primitives(reader, nodes).filter(|primitive| primitive::has_triangles(primitive));
+    let mut used: Vec<Option<usize>> = primitives.map(|primitive| primitive.material).collect();
+    used.sort_unstable_by_key(|material| (material.is_none(), *material));
+    used.dedup();
+    used
 }
 
+/// Notes for the report: primitives of the default scene that are not triangles.
+pub(super) fn skipped_primitives(reader: Reader<'_>, tree: &Tree) -> Vec<String> {
+    let skipped = primitives(reader, &tree.nodes).filter(|primitive| !primitive::has_triangles(primitive)).count();
+    counted(&[(skipped, "primitives that are points, lines or without positions are left out of the levels")])
+}
+
+/// All primitives at `nodes`.
+fn primitives<'a>(reader: Reader<'a>, nodes: &[usize]) -> impl Iterator<Item = &'a schema::Primitive<'a>> {
+    let meshes = nodes.iter().filter_map(move |&node| reader.root.meshes.get(reader.root.nodes[node].mesh?));
+    meshes.flat_map(|mesh| &mesh.primitives)
+}
+
+/// The surface, and counts for the report.
+#[derive(Debug, Default)]
+pub(super) struct Assembly {
+    pub(super) surface: Surface,
+    /// Number of weights on joints that the skin does not have.
+    stray_weights: usize,
+}
+
+/// Places primitives in the world.
+#[derive(Clone, Copy)]
+pub(super) struct Assembler<'a> {
+    pub(super) reader: Reader<'a>,
+    pub(super) tree: &'a Tree,
+    pub(super) skeleton: &'a SourceSkeleton,
+    pub(super) driver: &'a Driver,
+    pub(super) materials: &'a MaterialSlots,
+}
+
+impl Assembler<'_> {
+    /// Reads every primitive at `mesh_nodes`, mesh by mesh, so that a mesh of many nodes is read once.
+    pub(super) fn assemble(&self, mesh_nodes: &[usize]) -> Result<Assembly, Error> {
+        let Self { reader, driver, materials, .. } = *self;
+        let mut out = Assembly::default();
+        out.surface.morphs.clone_from(&driver.morphs);
+        let mut by_mesh: Vec<usize> = mesh_nodes.to_vec();
+        by_mesh.sort_by_key(|&node| reader.root.nodes[node].mesh);
+        for nodes in by_mesh.chunk_by(|&a, &b| same_shape(&reader.root.nodes[a], &reader.root.nodes[b])) {
+            let first = &reader.root.nodes[nodes[0]];
+            let Some(mesh) = first.mesh.and_then(|mesh| reader.root.meshes.get(mesh)) else { continue };
+            let weights = first.weights.as_ref().unwrap_or(&mesh.weights);
+            for primitive in mesh.primitives.iter().filter(|primitive| primitive::has_triangles(primitive)) {
+                reader.asset.check()?;
+                let (material, uv_sets) = materials.of_primitive(primitive.material);
+                let is_driven = nodes.iter().any(|&node| driver.drives(node));
+                let part = primitive::read(reader, primitive, weights, is_driven, uv_sets)?;
+                for &node in nodes {
+                    self.place(&mut out, node, &part, material)?;
+                }
+            }
+        }
+        Ok(out)
+    }
+
+    /// Adds `part` once for a skinned node, and once per instance for a rigid one.
+    fn place(&self, out: &mut Assembly, index: usize, part: &PrimitiveMesh, material: u32) -> Result<(), Error> {
+        let node = &self.reader.root.nodes[index];
+        let displacements = if self.driver.drives(index) { part.displacements.as_slice() } else { &[] };
+        if let (Some(skin), Some(local), Some(rig)) = (node.skin, &part.influences, &self.skeleton.rig) {
+            let bones = &self.skeleton.skin_bones[skin];
+            let influences: Vec<Influences> = local.iter().map(|local| out.on_bones(local, bones)).collect();
+            let matrices: Vec<Mat4> = influences.iter().map(|influences| rig.rest_matrix(influences)).collect();
+            out.append_displacements(displacements, |vertex| matrices[vertex]);
+            out.append(part, |vertex| matrices[vertex], material);
+            out.surface.influences.extend(influences);
+            return Ok(());
+        }
+        let world = self.tree.world[index];
+        for instance in instances(self.reader, node)? {
+            let matrix = world * instance;
+            out.append_displacements(displacements, |_| matrix);
+            out.append(part, |_| matrix, material);
+            if self.skeleton.rig.is_some() {
+                let bone = self.skeleton.node_bones.get(&index).copied().unwrap_or_default();
+                out.surface.influences.resize(out.surface.positions.len(), Influences::rigid(bone));
+            }
+        }
+        Ok(())
+    }
+}
+
+/// True if two nodes have the same mesh with the same morph weights.
 fn same_shape(a: &Node<'_>, b: &Node<'_>) -> bool {
     a.mesh == b.mesh && a.weights == b.weights
 }
 
 impl Assembly {
-    fn place(
-        &mut self,
-        reader: Reader<'_>,
-        tree: &Tree,
-        skeleton: &Skeleton,
-        index: usize,
-        (part, moves): (&Primitive, &[Vec<Vec3>]),
-        material: u32,
-    ) -> Result<(), Error> {
-        let node = &reader.root.nodes[index];
-        if let (Some(skin), Some(local), Some(rig)) = (node.skin, &part.influences, &skeleton.rig) {
-            let bones = &skeleton.skin_bones[skin];
-            let influences: Vec<Influences> = local.iter().map(|local| self.on_bones(local, bones)).collect();
-            let matrices: Vec<Mat4> = influences.iter().map(|influences| rig.rest_matrix(influences)).collect();
-            self.append_moves(moves, |vertex| matrices[vertex]);
-            self.append(part, |vertex| matrices[vertex], material);
-            self.surface.influences.extend(influences);
-            return Ok(());
-        }
-        let world = tree.world[index];
-        for instance in instances(reader, node)? {
-            let matrix = world * instance;
-            self.append_moves(moves, |_| matrix);
-            self.append(part, |_| matrix, material);
-            if skeleton.rig.is_some() {
-                let bone = skeleton.node_bones.get(&index).copied().unwrap_or_default();
-                self.surface.influences.resize(self.surface.positions.len(), Influences::rigid(bone));
-            }
-        }
-        Ok(())
+    /// Notes for the report.
+    pub(super) fn notes(&self) -> Vec<String> {
+        counted(&[(self.stray_weights, "weights on joints that the skin does not have are dropped")])
     }
 
-    /// From a skin's joint numbers to bones; a vertex without weight hangs on the skin's first joint.
+    /// Influences by bone, from influences by joint of a skin. A vertex without weights is bound to the skin's first
+    /// joint.
     fn on_bones(&mut self, local: &Influences, bones: &[u16]) -> Influences {
         let pairs = local.joints.iter().zip(local.weights).filter(|(_, weight)| *weight > 0.0);
         let stray = pairs.clone().filter(|(joint, _)| usize::from(**joint) >= bones.len()).count();
         self.stray_weights += stray;
         let known = pairs.filter_map(|(&joint, weight)| Some((*bones.get(usize::from(joint))?, weight)));
-        rig::influences(known).unwrap_or_else(|| Influences::rigid(bones.first().copied().unwrap_or_default()))
+        influences(known).unwrap_or_else(|| Influences::rigid(bones.first().copied().unwrap_or_default()))
     }
 
-    /// Adds what morph targets do to the vertices that come next, each in the space that its matrix leads out of.
-    fn append_moves(&mut self, moves: &[Vec<Vec3>], matrix: impl Fn(usize) -> Mat4) {
+    /// Adds the displacements of the vertices that [`Self::append`] adds next, from local space to the world by
+    /// `matrix`.
+    fn append_displacements(&mut self, displacements: &[Vec<Vec3>], matrix: impl Fn(usize) -> Mat4) {
         let base = self.surface.positions.len();
         let targets = self.surface.morphs.iter_mut().flat_map(|morphs| &mut morphs.targets);
-        for (target, moves) in targets.zip(moves) {
-            for (vertex, &offset) in moves.iter().enumerate() {
+        for (target, displacements) in targets.zip(displacements) {
+            for (vertex, &offset) in displacements.iter().enumerate() {
                 let offset = matrix(vertex).transform_vector3(offset);
                 if offset.is_finite() && offset != Vec3::ZERO {
-                    target.moves.push(((base + vertex) as u32, offset));
+                    target.displacements.push(((base + vertex) as u32, offset));
                 }
             }
         }
     }
 
-    /// Adds `part`, each vertex moved by its matrix. Where that mirrors most vertices, the faces are turned, so that
-    /// the outside stays outside.
-    fn append(&mut self, part: &Primitive, matrix: impl Fn(usize) -> Mat4, material: u32) {
+    /// Adds `part`, each vertex transformed by its matrix. If the matrices mirror most vertices, the faces are flipped,
+    /// so that the outside stays outside.
+    fn append(&mut self, part: &PrimitiveMesh, matrix: impl Fn(usize) -> Mat4, material: u32) {
+        let base = self.surface.positions.len();
+        let mirrored = self.append_vertices(part, matrix);
+        self.append_attributes(part, base);
+        let flipped = 2 * mirrored > part.positions.len();
+        let numbered = part.triangles.iter().map(|t| t.map(|vertex| vertex + base as u32));
         let surface = &mut self.surface;
-        let base = surface.positions.len();
-        let count = part.positions.len();
+        surface.triangles.extend(numbered.map(|[a, b, c]| if flipped { [a, c, b] } else { [a, b, c] }));
+        surface.material.resize(surface.triangles.len(), material);
+    }
+
+    /// Adds positions, normals and tangents; returns the number of vertices whose matrix mirrors.
+    fn append_vertices(&mut self, part: &PrimitiveMesh, matrix: impl Fn(usize) -> Mat4) -> usize {
+        let surface = &mut self.surface;
         let mut mirrored = 0;
         let has_tangents = part.tangents.is_some() || !surface.tangents.is_empty();
-        surface.tangents.resize(if has_tangents { base } else { 0 }, Vec4::ZERO);
+        surface.tangents.resize(if has_tangents { surface.positions.len() } else { 0 }, Vec4::ZERO);
         for (vertex, (&position, &normal)) in part.positions.iter().zip(&part.normals).enumerate() {
             let matrix = matrix(vertex);
             let linear = Mat3::from_mat4(matrix);
@@ -183,55 +196,33 @@ impl Assembly {
                 surface.tangents.push(tangent);
             }
         }
+        mirrored
+    }
+
+    /// Adds texture coordinates and colours of vertices from `base` on, with defaults for missing ones.
+    fn append_attributes(&mut self, part: &PrimitiveMesh, base: usize) {
+        let surface = &mut self.surface;
+        let end = base + part.positions.len();
         for (all, part) in surface.uvs.iter_mut().zip(&part.uvs) {
             match part {
                 Some(part) => all.extend_from_slice(part),
-                None => all.resize(base + count, Default::default()),
+                None => all.resize(end, Default::default()),
             }
         }
         if part.colors.is_some() || !surface.colors.is_empty() {
             surface.colors.resize(base, Vec4::ONE);
             surface.colors.extend_from_slice(part.colors.as_deref().unwrap_or_default());
-            surface.colors.resize(base + count, Vec4::ONE);
+            surface.colors.resize(end, Vec4::ONE);
         }
         if part.painted.is_some() || !surface.painted.is_empty() {
             surface.painted.resize(base, 0.0);
             surface.painted.extend_from_slice(part.painted.as_deref().unwrap_or_default());
-            surface.painted.resize(base + count, 0.0);
+            surface.painted.resize(end, 0.0);
         }
-        let turned = 2 * mirrored > count;
-        let numbered = part.triangles.iter().map(|t| t.map(|vertex| vertex + base as u32));
-        surface.triangles.extend(numbered.map(|[a, b, c]| if turned { [a, c, b] } else { [a, b, c] }));
-        surface.material.resize(surface.triangles.len(), material);
     }
 }
 
-/// Matrix that carries normals: the inverse transpose times the determinant, defined for singular matrices too.
+/// The matrix that transforms normals: the inverse transpose times the determinant. Singular matrices have it too.
 fn cofactor(m: Mat3) -> Mat3 {
     Mat3::from_cols(m.y_axis.cross(m.z_axis), m.z_axis.cross(m.x_axis), m.x_axis.cross(m.y_axis))
-}
-
-/// The transforms of `EXT_mesh_gpu_instancing`; one identity without it.
-fn instances(reader: Reader<'_>, node: &Node<'_>) -> Result<Vec<Mat4>, Error> {
-    let Some(instancing) = &node.extensions.instancing else { return Ok(vec![Mat4::IDENTITY]) };
-    let count = instance_count(reader, node)? as u32;
-    let attribute = |name: &str| instancing.attributes.get(name).copied();
-    let vectors = |name: &str, missing: Vec3| -> Result<Vec<Vec3>, Error> {
-        Ok(match attribute(name) {
-            Some(accessor) => reader.floats(accessor, 0..count)?.into_iter().map(Vec3::from).collect(),
-            None => vec![missing; count as usize],
-        })
-    };
-    let rotations = match attribute("ROTATION") {
-        Some(accessor) => reader.floats(accessor, 0..count)?.into_iter().map(Quat::from_array).collect(),
-        None => vec![Quat::IDENTITY; count as usize],
-    };
-    let (translations, scales) = (vectors("TRANSLATION", Vec3::ZERO)?, vectors("SCALE", Vec3::ONE)?);
-    Ok(translations.iter().zip(rotations).zip(scales).map(|((&t, r), s)| trs(t, r, s)).collect())
-}
-
-fn instance_count(reader: Reader<'_>, node: &Node<'_>) -> Result<usize, Error> {
-    let Some(instancing) = &node.extensions.instancing else { return Ok(1) };
-    let known = ["TRANSLATION", "ROTATION", "SCALE"].map(|name| instancing.attributes.get(name));
-    known.into_iter().flatten().next().map_or(Ok(1), |&accessor| reader.count(accessor))
 }

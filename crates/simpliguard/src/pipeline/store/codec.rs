@@ -276,7 +276,8 @@ mod tests {
         let deviation = Deviation { mean: 0.1, percentile_95: 0.2, max: 0.3 };
         let (double_sided, render_error, self_intersecting, cards) = (true, 0.25, 1, Some(cards));
         let shortfall = Shortfall::Leaves;
-        let shape = Shape { mesh, double_sided, candidate, render_error, deviation, self_intersecting, shortfall, cards };
+        let shape =
+            Shape { mesh, double_sided, candidate, render_error, deviation, self_intersecting, shortfall, cards };
         vec![shape.clone(), Shape { candidate: Candidate::Source, cards: None, ..shape }]
     }
 

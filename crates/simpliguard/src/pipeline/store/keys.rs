@@ -214,9 +214,8 @@ mod tests {
 
     #[test]
     fn only_parameters_of_the_maps_and_the_file_are_in_no_key_of_vertices() {
-        let key = |settings: &BakeSettings| {
-            vertices_key(&some_key("1"), &Params::new(settings).level(1000, false), 1000)
-        };
+        let key =
+            |settings: &BakeSettings| vertices_key(&some_key("1"), &Params::new(settings).level(1000, false), 1000);
         let base = BakeSettings::default();
         assert_eq!(key(&BakeSettings { normal_map: false, ..base.clone() }), key(&base));
         assert_eq!(key(&BakeSettings { source: SourceGeometry::Drop, ..base.clone() }), key(&base));
@@ -276,9 +275,6 @@ mod tests {
             candidate_key(&some_key("1"), &simplify(), candidate),
             atlas_key(&mesh, &[], &UnwrapParams { size: 512, gutter: 4 }),
         ];
-        assert_eq!(
-            (PIPELINE_VERSION, keys.map(|key| key.hex()[..16].to_owned())),
-            ("9", ["", ""].map(str::to_owned))
-        );
+        assert_eq!((PIPELINE_VERSION, keys.map(|key| key.hex()[..16].to_owned())), ("9", ["", ""].map(str::to_owned)));
     }
 }

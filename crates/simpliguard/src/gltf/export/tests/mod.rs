@@ -7,12 +7,11 @@ use glam::{Mat4, Vec2, Vec3};
 use image::{Rgb, RgbImage, Rgba, RgbaImage};
 use serde_json::{Value, json};
 
-use super::{ExportOptions, export, export_level};
+use super::{ExportParams, export, export_level};
 use crate::data::{
     AlphaMode, Bone, Document, Influences, Level, LevelMaterial, LevelMesh, LevelMorph, LevelTextures, Model,
-    MorphTarget, Morphs, Rig,
+    MorphTarget, Morphs, Rig, TextureFormat,
 };
-use crate::settings::{SourceGeometry, TextureFormat};
 
 mod materials;
 mod morphs;
@@ -210,6 +209,6 @@ fn levels(skinned: bool) -> [Level; 3] {
     [1000, 2000, 4000].map(|budget| level(budget, skinned))
 }
 
-fn drop_source() -> ExportOptions {
-    ExportOptions { source: SourceGeometry::Drop, ..ExportOptions::default() }
+fn drop_source() -> ExportParams {
+    ExportParams { keep_source: false }
 }

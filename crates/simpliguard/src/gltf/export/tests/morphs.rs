@@ -5,7 +5,7 @@ use super::*;
 /// [`two_bones`] and its levels, whose one target lifts the last vertex by one.
 fn morphing(weight: f32) -> (Model, [Level; 3]) {
     let mut model = two_bones(Some(0));
-    let target = MorphTarget { name: "lift".into(), weight, moves: vec![(2, Vec3::Y)] };
+    let target = MorphTarget { name: "lift".into(), weight, displacements: vec![(2, Vec3::Y)] };
     model.surface.morphs = Some(Morphs { node: 3, targets: vec![target] });
     let morph = LevelMorph { positions: vec![Vec3::ZERO, Vec3::ZERO, Vec3::Y], normals: vec![Vec3::ZERO; 3] };
     let levels = levels(true).map(|mut level| {
@@ -26,9 +26,9 @@ fn weighted_by(read: &Read, node: &Value) -> Vec<Value> {
 #[test]
 fn morphing_levels_are_weighted_like_the_source() {
     let (model, levels) = morphing(0.0);
-    for options in [ExportOptions::default(), drop_source()] {
-        let name = format!("morphing_{:?}", options.source);
-        let read = Read::new(&name, &export(&model, &levels, &options).expect("exports"));
+    for (params, source) in [(ExportParams::default(), "Keep"), (drop_source(), "Drop")] {
+        let name = format!("morphing_{source}");
+        let read = Read::new(&name, &export(&model, &levels, &params).expect("exports"));
         let nodes = read.json["nodes"].as_array().expect("nodes");
         let meshes = read.json["meshes"].as_array().expect("meshes");
         let is_level = |mesh: &Value| mesh["extras"]["targetNames"] == json!(["lift"]);

@@ -5,7 +5,7 @@ use super::*;
 #[test]
 fn source_stays_in_front_in_one_buffer() {
     let model = triangle();
-    let read = Read::new("triangle", &export(&model, &levels(false), &ExportOptions::default()).expect("exports"));
+    let read = Read::new("triangle", &export(&model, &levels(false), &ExportParams::default()).expect("exports"));
     let (out, source) = (&read.json, &model.document.json);
     assert_eq!(out["buffers"].as_array().map(Vec::len), Some(1));
     assert!(out["buffers"][0].get("uri").is_none());
@@ -21,14 +21,14 @@ fn source_stays_in_front_in_one_buffer() {
 
 #[test]
 fn a_source_without_scenes_gets_one_with_its_roots() {
-    let read = Read::new("scenes", &export(&triangle(), &levels(false), &ExportOptions::default()).expect("exports"));
+    let read = Read::new("scenes", &export(&triangle(), &levels(false), &ExportParams::default()).expect("exports"));
     assert_eq!(read.json["scenes"][0], json!({ "nodes": [1] }));
     assert_eq!(read.json["scene"], 0);
 }
 
 #[test]
 fn lods_stand_once_on_the_root_in_falling_detail() {
-    let read = Read::new("lods", &export(&triangle(), &levels(false), &ExportOptions::default()).expect("exports"));
+    let read = Read::new("lods", &export(&triangle(), &levels(false), &ExportParams::default()).expect("exports"));
     let nodes = &read.json["nodes"];
     assert_eq!(nodes[1]["extensions"]["MSFT_lod"]["ids"], json!([4, 3, 2]));
     assert_eq!(nodes[4]["extras"]["simpliguard"]["budget"], 4000);
@@ -43,7 +43,7 @@ fn lods_stand_once_on_the_root_in_falling_detail() {
 
 #[test]
 fn static_levels_stand_in_the_world_and_share_node_and_mesh_with_their_scene() {
-    let read = Read::new("static", &export(&triangle(), &levels(false), &ExportOptions::default()).expect("exports"));
+    let read = Read::new("static", &export(&triangle(), &levels(false), &ExportParams::default()).expect("exports"));
     assert_eq!(read.json["scenes"][1], json!({ "name": "LOD1", "nodes": [2] }));
     assert_eq!(read.json["scenes"][3], json!({ "name": "LOD3", "nodes": [4] }));
     assert_eq!((read.len("nodes"), read.len("meshes"), read.len("samplers")), (5, 4, 1));
@@ -61,7 +61,7 @@ fn of_several_roots_the_first_with_a_mesh_has_the_lods() {
     model.document.json["nodes"].as_array_mut().expect("array").insert(0, json!({ "name": "empty" }));
     model.document.json["nodes"][2]["children"] = json!([1]);
     model.document.mesh_nodes = vec![1];
-    let read = Read::new("roots", &export(&model, &levels(false), &ExportOptions::default()).expect("exports"));
+    let read = Read::new("roots", &export(&model, &levels(false), &ExportParams::default()).expect("exports"));
     assert!(read.json["nodes"][0].get("extensions").is_none());
     assert!(read.json["nodes"][2]["extensions"]["MSFT_lod"].is_object());
 }
@@ -83,7 +83,7 @@ fn dropped_sources_keep_nodes_and_clips_and_lose_meshes() {
     let still = &read.json["animations"][1];
     assert_eq!(still["name"], "morph");
     assert_eq!(read.floats(&still["samplers"][0]["input"], 1), [0.0, 1.5]);
-    let kept = Read::new("kept", &export(&model, &levels(true), &ExportOptions::default()).expect("exports"));
+    let kept = Read::new("kept", &export(&model, &levels(true), &ExportParams::default()).expect("exports"));
     assert!(read.bin.len() < kept.bin.len());
 }
 
@@ -104,7 +104,7 @@ fn old_lods_are_replaced() {
     nodes.push(json!({ "mesh": 0 }));
     model.document.json["extensionsUsed"] = json!(["MSFT_lod"]);
     model.document.json["scenes"] = json!([{ "nodes": [1] }]);
-    let read = Read::new("replaced", &export(&model, &levels(false), &ExportOptions::default()).expect("exports"));
+    let read = Read::new("replaced", &export(&model, &levels(false), &ExportParams::default()).expect("exports"));
     assert_eq!(read.json["nodes"][0], json!({ "name": "part", "mesh": 0 }));
     assert_eq!(read.json["nodes"][1]["extensions"]["MSFT_lod"]["ids"], json!([5, 4, 3]));
     let dropped = Read::new("replaced_dropped", &export(&model, &levels(false), &drop_source()).expect("exports"));
@@ -130,12 +130,12 @@ fn levels_whose_arrays_do_not_fit_are_refused() {
     let mut boneless = level(1000, true);
     boneless.mesh.influences[0].joints[0] = 9;
     for level in [short, outside, poisoned, boneless] {
-        assert!(export(&two_bones(Some(0)), &[level], &ExportOptions::default()).is_err());
+        assert!(export(&two_bones(Some(0)), &[level], &ExportParams::default()).is_err());
     }
 }
 
 #[test]
 fn equal_input_gives_equal_bytes() {
-    let once = || export(&two_bones(None), &levels(true), &ExportOptions::default()).expect("exports");
+    let once = || export(&two_bones(None), &levels(true), &ExportParams::default()).expect("exports");
     assert_eq!(once(), once());
 }

@@ -5,7 +5,7 @@ use super::*;
 #[test]
 fn skinned_levels_reuse_the_skin_and_reproduce_the_rest_pose() {
     let model = two_bones(Some(0));
-    let read = Read::new("skinned", &export(&model, &levels(true), &ExportOptions::default()).expect("exports"));
+    let read = Read::new("skinned", &export(&model, &levels(true), &ExportParams::default()).expect("exports"));
     assert_eq!(read.json["nodes"][4]["skin"], 0);
     assert_eq!(read.json["nodes"][4]["mesh"], 1);
     // Both bones scale by two in the rest pose.
@@ -19,7 +19,7 @@ fn skinned_levels_reuse_the_skin_and_reproduce_the_rest_pose() {
 #[test]
 fn a_skinned_levels_scene_has_its_own_joints_and_shares_mesh_and_matrices() {
     let model = two_bones(Some(0));
-    let read = Read::new("alone", &export(&model, &levels(true), &ExportOptions::default()).expect("exports"));
+    let read = Read::new("alone", &export(&model, &levels(true), &ExportParams::default()).expect("exports"));
     let scene = &read.json["scenes"][1];
     assert_eq!(scene["name"], "LOD1");
     let nodes = &read.json["nodes"];
@@ -42,7 +42,7 @@ fn a_level_on_fewer_joints_has_a_skin_of_its_own_with_the_same_matrices() {
     let mut levels = levels(true);
     levels[0].own_joints = true;
     levels[0].mesh.influences.fill(Influences::rigid(1));
-    let read = Read::new("narrowed", &export(&model, &levels, &ExportOptions::default()).expect("exports"));
+    let read = Read::new("narrowed", &export(&model, &levels, &ExportParams::default()).expect("exports"));
     let skin = |node: usize| &read.json["skins"][read.json["nodes"][node]["skin"].as_u64().expect("index") as usize];
     let matrices = |skin: &Value| read.floats(&skin["inverseBindMatrices"], 16);
     let levels: Vec<usize> =
@@ -63,7 +63,7 @@ fn a_merged_skin_has_one_joint_per_node_and_binds_in_the_world() {
     rig.bones.push(double);
     let mut level = level(1000, true);
     level.mesh.influences[0] = Influences { joints: [2, 0, 0, 0], weights: [0.5, 0.5, 0.0, 0.0] };
-    let read = Read::new("merged", &export(&model, &[level], &ExportOptions::default()).expect("exports"));
+    let read = Read::new("merged", &export(&model, &[level], &ExportParams::default()).expect("exports"));
     assert_eq!(read.json["skins"][1]["joints"], json!([1, 2]));
     assert_eq!(read.floats(&read.attributes(1)["WEIGHTS_0"], 4)[..4], [1.0, 0.0, 0.0, 0.0]);
     assert_eq!(read.floats(&read.attributes(1)["POSITION"], 3)[3..6], [2.0, 0.5, 0.0]);
@@ -77,7 +77,7 @@ fn a_merged_skin_over_several_roots_gets_a_common_one() {
     model.document.json["nodes"][1]["children"] = json!([]);
     model.document.json["nodes"][1].as_object_mut().expect("object").remove("children");
     model.document.json["scenes"][0]["nodes"] = json!([0, 3, 2]);
-    let read = Read::new("joined", &export(&model, &levels(true), &ExportOptions::default()).expect("exports"));
+    let read = Read::new("joined", &export(&model, &levels(true), &ExportParams::default()).expect("exports"));
     assert_eq!(read.json["scenes"][0]["nodes"], json!([4]));
     assert_eq!(read.json["nodes"][4]["children"], json!([0, 3, 2]));
     assert_eq!(read.json["nodes"][4]["extensions"]["MSFT_lod"]["ids"].as_array().map(Vec::len), Some(3));
@@ -95,7 +95,7 @@ fn more_joints_than_engines_take_are_refused_by_number() {
     level.mesh.positions = vec![Vec3::ZERO; 75];
     level.mesh.normals = vec![Vec3::Z; 75];
     level.mesh.uvs = vec![Vec2::ZERO; 75];
-    let message = export(&model, &[level], &ExportOptions::default()).expect_err("refused").to_string();
+    let message = export(&model, &[level], &ExportParams::default()).expect_err("refused").to_string();
     assert!(message.contains("300 joints"), "{message}");
 }
 
@@ -103,7 +103,7 @@ fn more_joints_than_engines_take_are_refused_by_number() {
 fn a_collapsed_joint_still_has_finite_vertices() {
     let mut model = two_bones(Some(0));
     model.rig.as_mut().expect("rig").bones[0].rest_world = Mat4::from_scale(Vec3::new(1.0, 0.0, 1.0));
-    let read = Read::new("collapsed", &export(&model, &levels(true), &ExportOptions::default()).expect("exports"));
+    let read = Read::new("collapsed", &export(&model, &levels(true), &ExportParams::default()).expect("exports"));
     assert!(read.floats(&read.attributes(1)["POSITION"], 3).iter().all(|x| x.is_finite()));
 }
 

@@ -7,7 +7,7 @@ use image::{ImageFormat, RgbaImage};
 use serde_json::{Value, json};
 
 use crate::data::Model;
-use crate::gltf::{Limits, import};
+use crate::gltf::{ImportLimits, import};
 use crate::{Error, NoResources, Source};
 
 pub(super) const U8: u32 = 5121;
@@ -113,10 +113,10 @@ impl Builder {
     }
 
     pub(super) fn import(&self) -> Result<Model, Error> {
-        self.import_within(&Limits::default())
+        self.import_within(&ImportLimits::default())
     }
 
-    pub(super) fn import_within(&self, limits: &Limits) -> Result<Model, Error> {
+    pub(super) fn import_within(&self, limits: &ImportLimits) -> Result<Model, Error> {
         import_bytes(&self.glb(), limits)
     }
 
@@ -133,7 +133,7 @@ impl Builder {
     }
 }
 
-pub(super) fn import_bytes(bytes: &[u8], limits: &Limits) -> Result<Model, Error> {
+pub(super) fn import_bytes(bytes: &[u8], limits: &ImportLimits) -> Result<Model, Error> {
     import(&Source { name: "test.glb", bytes, resources: &NoResources }, limits)
 }
 

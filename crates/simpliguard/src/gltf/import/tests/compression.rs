@@ -1,7 +1,7 @@
 use serde_json::json;
 
 use super::builder::{Builder, F32, U16, import_bytes};
-use crate::gltf::Limits;
+use crate::gltf::ImportLimits;
 
 /// Quads of a grid, `positions` and `indices` compressed; the fallback buffer has no bytes.
 fn compressed(extension: &str, version: i32) -> (Builder, Vec<[f32; 3]>) {
@@ -82,7 +82,7 @@ fn damaged_streams_give_an_error_or_a_model() {
     for at in start..bytes.len() {
         let mut damaged = bytes.clone();
         damaged[at] ^= 0x5A;
-        if let Ok(model) = import_bytes(&damaged, &Limits::default()) {
+        if let Ok(model) = import_bytes(&damaged, &ImportLimits::default()) {
             super::assert_sound(&model);
         }
     }

@@ -6,7 +6,7 @@ use bytes::Bytes;
 
 use super::assert_sound;
 use crate::data::Model;
-use crate::gltf::{Limits, import};
+use crate::gltf::{ImportLimits, import};
 use crate::{Error, RelativeUri, Resources, Source};
 
 /// Files below a folder.
@@ -33,7 +33,7 @@ fn import_file(path: &Path) -> Result<Model, Error> {
     let bytes = std::fs::read(path).expect("a readable file");
     let name = path.display().to_string();
     let resources = Folder(path.parent().expect("a file in a folder").to_owned());
-    import(&Source { name: &name, bytes: &bytes, resources: &resources }, &Limits::default())
+    import(&Source { name: &name, bytes: &bytes, resources: &resources }, &ImportLimits::default())
 }
 
 #[test]

@@ -148,7 +148,7 @@ fn morph_targets_are_kept_in_world_space_for_the_vertices_they_move() {
     file.json["meshes"][0]["extras"] = json!({"targetNames": ["lift"]});
     file.json["nodes"][0]["scale"] = json!([1, 1, 3]);
     let morphs = file.model().surface.morphs.expect("targets");
-    let expected = MorphTarget { name: "lift".into(), weight: 0.0, moves: vec![(1, vec3(0.0, 0.0, 6.0))] };
+    let expected = MorphTarget { name: "lift".into(), weight: 0.0, displacements: vec![(1, vec3(0.0, 0.0, 6.0))] };
     assert_eq!(morphs, Morphs { node: 0, targets: vec![expected] });
 }
 
@@ -165,7 +165,7 @@ fn targets_of_one_face_go_together_and_others_are_left_out_by_name() {
     file.root(json!({"mesh": 1, "translation": [0, 9, 0]}));
     file.root(json!({"mesh": 2, "translation": [0, 0, 9]}));
     let model = file.model();
-    let moves = &model.surface.morphs.as_ref().expect("targets").targets[0].moves;
+    let moves = &model.surface.morphs.as_ref().expect("targets").targets[0].displacements;
     assert_eq!(moves.iter().map(|(v, _)| *v).collect::<Vec<_>>(), [0, 1, 2, 3, 4, 5]);
     assert_eq!(model.notes.len(), 1);
     assert!(model.notes[0].starts_with("1 morph targets of node 2 stay"), "{:?}", model.notes);

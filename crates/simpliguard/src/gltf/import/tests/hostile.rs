@@ -4,7 +4,7 @@ use serde_json::json;
 
 use super::assert_sound;
 use super::builder::{Builder, F32, U16, U32, import_bytes, png_with_side};
-use crate::gltf::{Limits, has_levels, import};
+use crate::gltf::{ImportLimits, has_levels, import};
 use crate::{Error, RelativeUri, Resources, Source};
 
 /// A folder that holds the one file `image.png`, which is no image.
@@ -47,7 +47,7 @@ fn a_texture_that_cannot_be_had_or_decoded_is_named() {
     for (uri, reason) in [("gone.png", "no such file"), ("image.png", "no PNG")] {
         let bytes = with_image(json!({"uri": uri})).glb();
         let source = Source { name: "model.glb", bytes: &bytes, resources: &Garbage };
-        let error = import(&source, &Limits::default()).expect_err("an error");
+        let error = import(&source, &ImportLimits::default()).expect_err("an error");
         assert!(matches!(error, Error::Resource { .. }), "{error}");
         assert_says(&error.to_string(), &["model.glb", uri, reason]);
     }
@@ -75,7 +75,7 @@ fn cycles_and_second_parents_are_refused() {
 
 #[test]
 fn limits_hold_before_anything_is_allocated() {
-    let limits = Limits { nodes: 4, depth: 2, triangles: 100, ..Limits::default() };
+    let limits = ImportLimits { nodes: 4, depth: 2, triangles: 100, ..ImportLimits::default() };
     let limited = |file: &Builder, what: &str| {
         let error = file.import_within(&limits).expect_err("an error");
         assert!(matches!(error, Error::Limit { .. }), "{error}");
@@ -97,9 +97,9 @@ fn limits_hold_before_anything_is_allocated() {
     virtual_vertices.json["accessors"][0] = json!({"componentType": F32, "type": "VEC3", "count": 1u64 << 60});
     limited(&virtual_vertices, "element count");
 
-    let small = Limits { bytes: 100, ..Limits::default() };
+    let small = ImportLimits { bytes: 100, ..ImportLimits::default() };
     assert!(matches!(Builder::triangle().import_within(&small), Err(Error::Limit { .. })));
-    let few = Limits { json_values: 3, ..Limits::default() };
+    let few = ImportLimits { json_values: 3, ..ImportLimits::default() };
     assert!(matches!(Builder::triangle().import_within(&few), Err(Error::Limit { .. })));
 }
 
@@ -107,7 +107,10 @@ fn limits_hold_before_anything_is_allocated() {
 fn deep_json_is_refused() {
     let text =
         format!("{{\"asset\":{{\"version\":\"2.0\"}},\"extras\":{}1{}}}", "[".repeat(10_000), "]".repeat(10_000));
-    assert_says(&import_bytes(text.as_bytes(), &Limits::default()).expect_err("an error").to_string(), &["recursion"]);
+    assert_says(
+        &import_bytes(text.as_bytes(), &ImportLimits::default()).expect_err("an error").to_string(),
+        &["recursion"],
+    );
 }
 
 #[test]
@@ -157,7 +160,7 @@ fn other_files_are_told_from_gltf() {
         (b"{\"asset\":{\"version\":\"2.0\"}", "JSON is broken"),
         (b"glTF\x02\0\0\0\x20\0\0\0", "truncated"),
     ] {
-        assert_says(&import_bytes(bytes, &Limits::default()).expect_err("an error").to_string(), &[part]);
+        assert_says(&import_bytes(bytes, &ImportLimits::default()).expect_err("an error").to_string(), &[part]);
     }
 }
 
@@ -197,7 +200,7 @@ fn rich() -> Vec<u8> {
 
 #[test]
 fn the_file_that_is_broken_below_is_sound() {
-    assert_sound(&import_bytes(&rich(), &Limits::default()).expect("a sound file"));
+    assert_sound(&import_bytes(&rich(), &ImportLimits::default()).expect("a sound file"));
 }
 
 proptest! {
@@ -207,7 +210,7 @@ proptest! {
     fn truncated_files_give_an_error(part in 0.0..1.0f64) {
         let bytes = rich();
         let length = (bytes.len() as f64 * part) as usize;
-        prop_assert!(import_bytes(&bytes[..length], &Limits::default()).is_err());
+        prop_assert!(import_bytes(&bytes[..length], &ImportLimits::default()).is_err());
     }
 
     #[test]
@@ -217,7 +220,7 @@ proptest! {
             let at = at.index(bytes.len());
             bytes[at] = value;
         }
-        if let Ok(model) = import_bytes(&bytes, &Limits::default()) {
+        if let Ok(model) = import_bytes(&bytes, &ImportLimits::default()) {
             assert_sound(&model);
         }
     }

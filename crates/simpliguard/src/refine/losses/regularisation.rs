@@ -1,14 +1,15 @@
 //! Regularisation loss (`L_struct`, paper 3.4): Laplacian smoothing, and vertex normals that agree along edges.
 //!
-//! The Laplacian is that of the displacement, how far a vertex has moved rather than where it is, so that corners of the
-//! start are kept.
+//! The Laplacian is taken of the displacements and not of the positions, so that corners of the initial mesh are kept.
 
 use glam::Vec3;
 
-use super::LowPoly;
+use crate::data::area_vector;
+use crate::refine::low_poly::LowPoly;
 
-/// Both losses of one mesh.
-pub(super) struct Regularisation {
+/// Both regularisation losses of one mesh.
+pub(in crate::refine) struct Regularisation {
+    /// Initial positions.
     origin: Vec<Vec3>,
     triangles: Vec<[u32; 3]>,
     edges: Edges,
@@ -17,16 +18,16 @@ pub(super) struct Regularisation {
 }
 
 impl Regularisation {
-    /// Of a mesh as it begins.
-    pub(super) fn new(low: &LowPoly, laplacian_weight: f32, normal_weight: f32) -> Self {
+    /// The losses of displacements from `low` as it is.
+    pub(in crate::refine) fn new(low: &LowPoly, laplacian_weight: f32, normal_weight: f32) -> Self {
         let edges = Edges::new(low.positions.len(), &low.triangles);
         Self { origin: low.positions.clone(), triangles: low.triangles.clone(), edges, laplacian_weight, normal_weight }
     }
 
-    /// Adds the gradient of the structure loss at `positions`; returns that loss.
-    pub(super) fn add_gradient(&self, positions: &[Vec3], gradient: &mut [Vec3]) -> f64 {
-        let moved: Vec<Vec3> = positions.iter().zip(&self.origin).map(|(a, b)| *a - *b).collect();
-        let laplacian = self.edges.add_laplacian(&moved, self.laplacian_weight, gradient);
+    /// Adds the gradient of the weighted losses at `positions`; returns their sum.
+    pub(in crate::refine) fn add_gradient(&self, positions: &[Vec3], gradient: &mut [Vec3]) -> f64 {
+        let displacements: Vec<Vec3> = positions.iter().zip(&self.origin).map(|(a, b)| *a - *b).collect();
+        let laplacian = self.edges.add_laplacian(&displacements, self.laplacian_weight, gradient);
         if self.normal_weight == 0.0 {
             return laplacian;
         }
@@ -36,6 +37,7 @@ impl Regularisation {
 
 /// Neighbours of each vertex over edges, flattened.
 struct Edges {
+    /// Index of the first neighbour of each vertex, and the number of neighbours at the end.
     first: Vec<u32>,
     neighbours: Vec<u32>,
 }
@@ -50,6 +52,7 @@ impl Edges {
         Self { first, neighbours: pairs.into_iter().map(|p| p.1).collect() }
     }
 
+    /// Neighbours of vertex `v`.
     fn of(&self, v: usize) -> &[u32] {
         &self.neighbours[self.first[v] as usize..self.first[v + 1] as usize]
     }
@@ -63,13 +66,13 @@ impl Edges {
             if neighbours.is_empty() {
                 continue;
             }
-            let part = 1.0 / neighbours.len() as f32;
-            let delta = neighbours.iter().map(|&n| d[n as usize]).sum::<Vec3>() * part - d[v];
+            let share = 1.0 / neighbours.len() as f32;
+            let delta = neighbours.iter().map(|&n| d[n as usize]).sum::<Vec3>() * share - d[v];
             loss += f64::from(scale * delta.length_squared());
             let g = delta * (2.0 * scale);
             gradient[v] -= g;
             for &n in neighbours {
-                gradient[n as usize] += g * part;
+                gradient[n as usize] += g * share;
             }
         }
         loss
@@ -81,18 +84,17 @@ impl Edges {
         let corners = |t: &[u32; 3]| t.map(|v| positions[v as usize]);
         let mut sums = vec![Vec3::ZERO; positions.len()];
         for t in triangles {
-            let [a, b, c] = corners(t);
-            let area = (b - a).cross(c - a);
+            let area = area_vector(corners(t));
             t.iter().for_each(|&v| sums[v as usize] += area);
         }
         let normals: Vec<Vec3> = sums.iter().map(|n| n.normalize_or_zero()).collect();
         let scale = weight / triangles.len().max(1) as f32;
         let mut loss = 0.0;
-        // At the sums: what is along a normal does not turn it.
+        // Gradient at the sums. Its component along a normal is dropped: it does not turn the normal.
         let mut by_sum = vec![Vec3::ZERO; positions.len()];
         for (v, normal) in normals.iter().enumerate() {
             let around: Vec3 = self.of(v).iter().map(|&n| normals[n as usize]).sum();
-            // Every edge is met from both ends.
+            // Every edge is visited from both ends.
             loss += 0.5 * f64::from(scale) * f64::from(self.of(v).len() as f32 - normal.dot(around));
             if *normal != Vec3::ZERO {
                 by_sum[v] = (*normal * normal.dot(around) - around) * (scale / sums[v].length());

@@ -1,4 +1,4 @@
-//! Bones over all skins and all mesh nodes that move on their own.
+//! The rig of a file: bones over all skins and all mesh nodes that move as a whole.
 
 use std::collections::BTreeMap;
 
@@ -6,47 +6,43 @@ use glam::Mat4;
 
 use super::accessor::Reader;
 use super::clips;
+use super::influences::has_joints;
 use super::nodes::Tree;
-use super::schema::Primitive;
+use super::primitive::has_triangles;
 use crate::Error;
-use crate::data::{Bone, Influences, Rig};
+use crate::data::{Bone, Rig};
 
-/// The rig of a file, and how the file's skins and nodes map to it.
+/// The rig of a file, and the bones of the file's skins and nodes.
 #[derive(Debug, Default)]
-pub(super) struct Skeleton {
+pub(super) struct SourceSkeleton {
     pub(super) rig: Option<Rig>,
-    /// For each skin, the bone of each of its joints; empty for skins not in use.
+    /// For each skin, the bone of each of its joints; empty for unused skins.
     pub(super) skin_bones: Vec<Vec<u16>>,
     /// The bone of each node that carries unskinned triangles.
     pub(super) node_bones: BTreeMap<usize, u16>,
-    /// What was left out, in words.
+    /// Notes for the report.
     pub(super) notes: Vec<String>,
 }
 
-/// Whether a primitive can hang on a skin.
-pub(super) fn has_joints(primitive: &Primitive<'_>) -> bool {
-    primitive.attributes.contains_key("JOINTS_0") && primitive.attributes.contains_key("WEIGHTS_0")
-}
-
-/// Which skins and which rigid nodes the triangles of the default scene hang on, both ascending.
+/// The skins that deform triangles of the default scene, and the nodes that move triangles as a whole. Both ascending.
 #[derive(Debug, Default, PartialEq)]
-struct Supports {
+struct BoneSources {
     skins: Vec<usize>,
     rigid: Vec<usize>,
 }
 
-impl Skeleton {
+impl SourceSkeleton {
     /// Builds the rig for the nodes in `mesh_nodes`.
     pub(super) fn of(reader: Reader<'_>, tree: &Tree, mesh_nodes: &[usize]) -> Result<Self, Error> {
-        let supports = Supports::of(reader, mesh_nodes)?;
+        let sources = BoneSources::of(reader, mesh_nodes)?;
         let animated = tree.animated(reader.root);
-        if supports.skins.is_empty() && !supports.rigid.iter().any(|&node| animated[node]) {
-            return Ok(Self { skin_bones: vec![Vec::new(); reader.root.skins.len()], ..Self::default() });
-        }
         let mut out = Self { skin_bones: vec![Vec::new(); reader.root.skins.len()], ..Self::default() };
+        if sources.skins.is_empty() && !sources.rigid.iter().any(|&node| animated[node]) {
+            return Ok(out);
+        }
         let mut bones = Vec::new();
         let mut source_skin = None;
-        if let ([skin], []) = (supports.skins.as_slice(), supports.rigid.as_slice()) {
+        if let ([skin], []) = (sources.skins.as_slice(), sources.rigid.as_slice()) {
             bones = joints(reader, tree, *skin)?;
             out.skin_bones[*skin] = (0..bones.len()).map(|bone| bone as u16).collect();
             source_skin = Some(*skin);
@@ -58,10 +54,10 @@ impl Skeleton {
                     bones.len() - 1
                 }) as u16
             };
-            for skin in supports.skins {
+            for skin in sources.skins {
                 out.skin_bones[skin] = joints(reader, tree, skin)?.into_iter().map(&mut bone_index).collect();
             }
-            for node in supports.rigid {
+            for node in sources.rigid {
                 out.node_bones.insert(node, bone_index(rigid_bone(tree, node)));
             }
         }
@@ -72,14 +68,14 @@ impl Skeleton {
     }
 }
 
-impl Supports {
+impl BoneSources {
     fn of(reader: Reader<'_>, mesh_nodes: &[usize]) -> Result<Self, Error> {
         let mut out = Self::default();
         for &index in mesh_nodes {
             let node = &reader.root.nodes[index];
             let Some(mesh) = node.mesh else { continue };
             let primitives = &reader.asset.item(&reader.root.meshes, mesh, "mesh")?.primitives;
-            for primitive in primitives.iter().filter(|primitive| super::primitive::has_triangles(primitive)) {
+            for primitive in primitives.iter().filter(|primitive| has_triangles(primitive)) {
                 match node.skin {
                     Some(skin) if has_joints(primitive) => out.skins.push(skin),
                     _ => out.rigid.push(index),
@@ -94,7 +90,7 @@ impl Supports {
     }
 }
 
-/// The joints of a skin as bones, in its order.
+/// The joints of a skin as bones, in the skin's order.
 fn joints(reader: Reader<'_>, tree: &Tree, index: usize) -> Result<Vec<Bone>, Error> {
     let asset = reader.asset;
     let skin = asset.item(&reader.root.skins, index, "skin")?;
@@ -118,8 +114,8 @@ fn joints(reader: Reader<'_>, tree: &Tree, index: usize) -> Result<Vec<Bone>, Er
     skin.joints.iter().zip(&matrices).map(bone).collect()
 }
 
-/// The bone of a node that moves as a whole: the node itself, or, where its scale is zero along an axis, the nearest
-/// ancestor that can be inverted.
+/// The bone of a node that moves as a whole: the node itself, or its nearest ancestor with an invertible matrix if its
+/// own scale is zero along an axis.
 fn rigid_bone(tree: &Tree, node: usize) -> Bone {
     let invertible = |node: &usize| tree.world[*node].determinant() != 0.0 && tree.world[*node].inverse().is_finite();
     match tree.lineage(node).find(invertible) {
@@ -130,31 +126,4 @@ fn rigid_bone(tree: &Tree, node: usize) -> Bone {
 
 fn bits(matrix: &Mat4) -> [u32; 16] {
     matrix.to_cols_array().map(f32::to_bits)
-}
-
-/// Weights below this part of a vertex's heaviest are dropped.
-const NEGLIGIBLE: f32 = 1e-6;
-
-/// The four heaviest of any number of bones, merged, falling, ties by bone, sum one. `None` if no weight is positive.
-pub(super) fn influences(pairs: impl Iterator<Item = (u16, f32)>) -> Option<Influences> {
-    let mut merged: Vec<(u16, f32)> = Vec::with_capacity(8);
-    for (joint, weight) in pairs.filter(|(_, weight)| weight.is_finite() && *weight > 0.0) {
-        match merged.iter_mut().find(|(known, _)| *known == joint) {
-            Some((_, sum)) => *sum += weight,
-            None => merged.push((joint, weight)),
-        }
-    }
-    merged.sort_unstable_by(|a, b| b.1.total_cmp(&a.1).then(a.0.cmp(&b.0)));
-    merged.truncate(4);
-    let least = merged.first().map_or(0.0, |heaviest| heaviest.1 * NEGLIGIBLE);
-    merged.retain(|(_, weight)| *weight >= least);
-    let sum: f32 = merged.iter().map(|(_, weight)| weight).sum();
-    if !(sum.is_finite() && sum > 0.0) {
-        return None;
-    }
-    let mut out = Influences::default();
-    for (k, (joint, weight)) in merged.into_iter().enumerate() {
-        (out.joints[k], out.weights[k]) = (joint, weight / sum);
-    }
-    Some(out)
 }

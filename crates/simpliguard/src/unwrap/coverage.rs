@@ -1,14 +1,15 @@
-//! Which texels the faces of an atlas cover.
+//! The texels that the faces of an atlas cover.
 
 use glam::{DVec2, Vec2};
 
 use crate::data::Atlas;
+use crate::geometry::doubled_area;
 
 /// Calls `hit(x, y)` for every texel of a `size * size` raster whose centre lies in the triangle. A centre on a side
 /// shared by two triangles of equal orientation belongs to exactly one of them (top-left rule).
 pub(super) fn texels(uv: &[Vec2; 3], size: u32, mut hit: impl FnMut(u32, u32)) {
     let mut t = uv.map(|p| p.as_dvec2() * f64::from(size));
-    let doubled = (t[1] - t[0]).perp_dot(t[2] - t[0]);
+    let doubled = doubled_area(&t);
     if doubled == 0.0 || !doubled.is_finite() {
         return;
     }
@@ -30,14 +31,14 @@ pub(super) fn texels(uv: &[Vec2; 3], size: u32, mut hit: impl FnMut(u32, u32)) {
     }
 }
 
-/// Whether `p` is left of the line from `a` to `b`, or on it and the line is a top or left side. Both triangles at an
-/// edge compute the same number.
+/// True if `p` is left of the line from `a` to `b`, or on the line and the line is a top or left side. Both triangles
+/// at an edge compute the same number.
 fn is_inside(a: DVec2, b: DVec2, p: DVec2) -> bool {
-    let turned = (b.y, b.x) < (a.y, a.x);
-    let (from, to) = if turned { (b, a) } else { (a, b) };
+    let reversed = (b.y, b.x) < (a.y, a.x);
+    let (from, to) = if reversed { (b, a) } else { (a, b) };
     let e = (to - from).perp_dot(p - from);
-    let e = if turned { -e } else { e };
-    e > 0.0 || (e == 0.0 && !turned)
+    let e = if reversed { -e } else { e };
+    e > 0.0 || (e == 0.0 && !reversed)
 }
 
 /// Number of texels of a `size * size` raster whose centre lies in more than one face.
@@ -47,19 +48,17 @@ pub fn overlaps(atlas: &Atlas, size: u32) -> usize {
 
 /// Number of faces without positive area in the atlas: flipped or collapsed.
 pub fn flips(atlas: &Atlas) -> usize {
-    let area = |t: &&[Vec2; 3]| {
-        let [a, b, c] = t.map(|p| p.as_dvec2());
-        (b - a).perp_dot(c - a)
-    };
+    let area = |t: &&[Vec2; 3]| doubled_area(&t.map(|p| p.as_dvec2()));
     atlas.uvs.iter().filter(|t| area(t).is_nan() || area(t) <= 0.0).count()
 }
 
-/// Part of all texels whose centre lies in a face.
+/// Fraction of all texels whose centre lies in a face.
 pub(super) fn fill(uvs: &[[Vec2; 3]], size: u32) -> f32 {
     let counts = counts(uvs, size);
     counts.iter().filter(|&&n| n > 0).count() as f32 / counts.len().max(1) as f32
 }
 
+/// Number of faces at the centre of each texel, at most 255.
 fn counts(uvs: &[[Vec2; 3]], size: u32) -> Vec<u8> {
     let mut counts = vec![0u8; size as usize * size as usize];
     for uv in uvs {

@@ -1,0 +1,93 @@
+//! The material and the textures of a level.
+
+use glam::Vec3;
+use image::{RgbImage, RgbaImage};
+use serde::{Deserialize, Serialize};
+
+use super::AlphaMode;
+
+/// Factors and modes of a level's material. Values that vary over the surface are in [`LevelTextures`].
+#[derive(Clone, Debug, PartialEq)]
+pub struct LevelMaterial {
+    /// Use of alpha.
+    pub alpha_mode: AlphaMode,
+    /// Back faces are drawn too.
+    pub double_sided: bool,
+    /// `KHR_materials_unlit`.
+    pub unlit: bool,
+    /// 0 to 1. Used if there is no occlusion-roughness-metallic texture.
+    pub metallic: f32,
+    /// 0 to 1. Used if there is no occlusion-roughness-metallic texture.
+    pub roughness: f32,
+    /// Linear light, multiplied onto the emissive texture; zero without one.
+    pub emissive: Vec3,
+}
+
+/// Square textures of one size, clamped at the borders.
+#[derive(Clone, Debug)]
+pub struct LevelTextures {
+    /// sRGB; alpha is coverage in the modes that use it, else 255.
+    pub base_color: RgbaImage,
+    /// Tangent-space normals.
+    pub normal: Option<RgbImage>,
+    /// Occlusion in red, roughness in green, metalness in blue.
+    pub occlusion_roughness_metallic: Option<RgbImage>,
+    /// sRGB.
+    pub emissive: Option<RgbImage>,
+    /// Storage of the colours in a file.
+    pub format: TextureFormat,
+}
+
+/// Storage of colours in the output.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub enum TextureFormat {
+    /// Lossless.
+    #[default]
+    Png,
+    /// Lossy, for images without alpha. Quality from 1, the smallest file, to 100, the best image.
+    Jpeg(u32),
+}
+
+impl LevelTextures {
+    /// Checks that all textures are square, of one size and not empty.
+    ///
+    /// # Errors
+    /// The texture and its size.
+    pub fn validate(&self) -> Result<(), String> {
+        let (width, height) = self.base_color.dimensions();
+        if width != height || width == 0 {
+            return Err(format!("the base colour has {width} x {height} texels; textures are square"));
+        }
+        let maps = [
+            ("normal map", &self.normal),
+            ("occlusion-roughness-metallic map", &self.occlusion_roughness_metallic),
+            ("emissive map", &self.emissive),
+        ];
+        for (name, map) in maps {
+            if let Some((w, h)) = map.as_ref().map(RgbImage::dimensions).filter(|size| *size != (width, height)) {
+                return Err(format!("the {name} has {w} x {h} texels beside a base colour of {width} x {height}"));
+            }
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn textures_are_square_and_of_one_size() {
+        let set = |base: [u32; 2], map: [u32; 2]| LevelTextures {
+            base_color: RgbaImage::new(base[0], base[1]),
+            normal: None,
+            occlusion_roughness_metallic: None,
+            emissive: Some(RgbImage::new(map[0], map[1])),
+            format: TextureFormat::Png,
+        };
+        assert_eq!(set([4, 4], [4, 4]).validate(), Ok(()));
+        assert!(set([4, 2], [4, 2]).validate().expect_err("broken").contains("4 x 2"));
+        assert!(set([0, 0], [0, 0]).validate().expect_err("broken").contains("0 x 0"));
+        assert!(set([4, 4], [2, 2]).validate().expect_err("broken").contains("emissive map has 2 x 2"));
+    }
+}

@@ -1,0 +1,82 @@
+//! The material of a level as glTF.
+
+use serde_json::{Map, Value, json};
+
+use super::builder::{Builder, Kind, number};
+use super::textures::WrittenTextures;
+use crate::data::{AlphaMode, LevelMaterial};
+
+/// Appends the material of a level; returns its index.
+pub(super) fn push_material(
+    out: &mut Builder,
+    name: &str,
+    source: &LevelMaterial,
+    textures: &WrittenTextures,
+) -> usize {
+    let mut material = reflection(name, source, textures);
+    if let Some(index) = textures.normal {
+        material["normalTexture"] = json!({ "index": index });
+    }
+    if source.double_sided {
+        material["doubleSided"] = json!(true);
+    }
+    match source.alpha_mode {
+        AlphaMode::Opaque => {}
+        AlphaMode::Mask { cutoff } => {
+            material["alphaMode"] = json!("MASK");
+            material["alphaCutoff"] = number(cutoff);
+        }
+        AlphaMode::Blend => material["alphaMode"] = json!("BLEND"),
+    }
+    let mut extensions = Map::new();
+    if source.unlit {
+        extensions.insert("KHR_materials_unlit".into(), json!({}));
+    }
+    add_emission(&mut material, &mut extensions, source, textures.emissive);
+    if !extensions.is_empty() {
+        extensions.keys().for_each(|name| out.use_extension(name));
+        material["extensions"] = Value::Object(extensions);
+    }
+    out.push(Kind::Material, material)
+}
+
+/// A material with base colour, roughness, metalness and occlusion.
+fn reflection(name: &str, source: &LevelMaterial, textures: &WrittenTextures) -> Value {
+    let packed = textures.occlusion_roughness_metallic;
+    let (metallic, roughness) = if packed.is_some() { (1.0, 1.0) } else { (source.metallic, source.roughness) };
+    let mut material = json!({
+        "name": name,
+        "pbrMetallicRoughness": {
+            "baseColorTexture": { "index": textures.base_color },
+            "metallicFactor": number(metallic),
+            "roughnessFactor": number(roughness),
+        },
+    });
+    if let Some(index) = packed {
+        material["pbrMetallicRoughness"]["metallicRoughnessTexture"] = json!({ "index": index });
+        material["occlusionTexture"] = json!({ "index": index });
+    }
+    material
+}
+
+/// Adds emission to a material. Emission above one takes `KHR_materials_emissive_strength`, since factors end at one.
+fn add_emission(
+    material: &mut Value,
+    extensions: &mut Map<String, Value>,
+    source: &LevelMaterial,
+    texture: Option<usize>,
+) {
+    let strongest = source.emissive.max_element();
+    if strongest <= 0.0 || strongest.is_nan() {
+        return;
+    }
+    let strength = strongest.max(1.0);
+    material["emissiveFactor"] = (source.emissive / strength).to_array().map(number).into_iter().collect();
+    if strength > 1.0 {
+        let strength = json!({ "emissiveStrength": number(strength) });
+        extensions.insert("KHR_materials_emissive_strength".into(), strength);
+    }
+    if let Some(index) = texture {
+        material["emissiveTexture"] = json!({ "index": index });
+    }
+}

@@ -1,0 +1,31 @@
+//! The limits of the import.
+
+/// The most that a file may ask of the machine. Each limit is checked before the memory is allocated.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ImportLimits {
+    /// The file and all files that it refers to, in bytes.
+    pub bytes: u64,
+    /// Number of values in the JSON.
+    pub json_values: u64,
+    /// Number of glTF nodes.
+    pub nodes: u64,
+    /// Depth of the node tree.
+    pub depth: u64,
+    /// Number of triangles of the default scene, over all instances.
+    pub triangles: u64,
+    /// Number of texels of all images in use.
+    pub texels: u64,
+}
+
+impl Default for ImportLimits {
+    fn default() -> Self {
+        Self {
+            bytes: 2 << 30,
+            json_values: 20_000_000,
+            nodes: 200_000,
+            depth: 512,
+            triangles: 20_000_000,
+            texels: 512 << 20,
+        }
+    }
+}

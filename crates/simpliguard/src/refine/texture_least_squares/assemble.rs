@@ -1,0 +1,97 @@
+//! Assembles the normal equations from the pixels of all views.
+
+use glam::{Vec2, Vec4Swizzles};
+use rayon::prelude::*;
+
+use super::coarse_solution::CoarseSolution;
+use super::normal_equations::NormalEquations;
+use crate::Cancellation;
+use crate::refine::covered_views::CoveredViews;
+use crate::refine::forward::FrameBuffers;
+use crate::refine::lookup::Lookup;
+use crate::refine::low_poly::LowPoly;
+use crate::render::raster::pixel_to_ndc;
+use crate::render::{EMPTY_PIXEL, Rect, View};
+
+/// Partial sums over the views: fixed, so that the result does not depend on the threads.
+const PARTS: usize = 4;
+
+/// The normal equations of every pixel that lies wholly on the source and on the level. With a coarse solution, a pixel
+/// counts by how well it agrees with it.
+pub(super) fn assemble(
+    low: &LowPoly,
+    views: &CoveredViews<'_>,
+    coarse: Option<&CoarseSolution>,
+    cancellation: &Cancellation,
+) -> NormalEquations {
+    let chunk = views.len().div_ceil(PARTS).max(1);
+    let parts: Vec<NormalEquations> = views
+        .views
+        .par_chunks(chunk)
+        .zip(views.rects.par_chunks(chunk))
+        .map(|(chunk, rects)| {
+            let mut assembly = Assembly::new(low, coarse, views.size());
+            for (view, rect) in chunk.iter().zip(rects).take_while(|_| !cancellation.is_cancelled()) {
+                assembly.add_view(view, *rect);
+            }
+            assembly.equations
+        })
+        .collect();
+    let sum = parts.into_iter().reduce(|mut sum, part| {
+        sum.add(part);
+        sum
+    });
+    sum.unwrap_or_else(|| NormalEquations::new(low.texture.size))
+}
+
+/// The equations of some of the views, and the buffers they are made with.
+struct Assembly<'a> {
+    low: &'a LowPoly,
+    coarse: Option<&'a CoarseSolution>,
+    equations: NormalEquations,
+    frame: FrameBuffers,
+    /// Pixels on either side of a silhouette, which hold background. All false between views.
+    silhouette: Vec<bool>,
+}
+
+impl<'a> Assembly<'a> {
+    fn new(low: &'a LowPoly, coarse: Option<&'a CoarseSolution>, view_size: usize) -> Self {
+        Self {
+            low,
+            coarse,
+            equations: NormalEquations::new(low.texture.size),
+            frame: FrameBuffers::new(view_size),
+            silhouette: vec![false; view_size * view_size],
+        }
+    }
+
+    fn add_view(&mut self, view: &View, rect: Rect) {
+        let Self { low, frame, .. } = self;
+        frame.rasterise(low, &view.camera, view.pose, rect);
+        frame.find_blends(low);
+        self.mark_silhouette(true);
+        let Self { low, coarse, equations, frame, silhouette } = self;
+        for y in frame.rect.rows() {
+            let ndc_y = pixel_to_ndc(y, frame.size);
+            for x in frame.rect.columns() {
+                let i = y * frame.size + x;
+                let id = frame.raster.ids[i];
+                if id == EMPTY_PIXEL || silhouette[i] || view.image.pixels[i][3] != 255 {
+                    continue;
+                }
+                let uv = frame.uv_at(low, id as usize, Vec2::new(pixel_to_ndc(x, frame.size), ndc_y)).0;
+                let color = view.image.at(i).xyz();
+                let weight = coarse.map_or(1.0, |coarse| coarse.trust(uv, color));
+                equations.add_pixel(Lookup::new(uv, low.texture.size), color, weight);
+            }
+        }
+        self.mark_silhouette(false);
+    }
+
+    fn mark_silhouette(&mut self, mark: bool) {
+        for blend in &self.frame.blends {
+            self.silhouette[blend.near as usize] = mark;
+            self.silhouette[blend.far as usize] = mark;
+        }
+    }
+}

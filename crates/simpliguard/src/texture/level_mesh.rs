@@ -1,0 +1,66 @@
+//! From the welded mesh to the mesh of a level, whose vertices are split along chart borders.
+
+use std::collections::HashMap;
+
+use super::tangents::mikktspace;
+use crate::data::{Atlas, Influences, LevelMesh, LevelMorph, TriMesh};
+
+/// Splits vertices along chart borders and gives them normals, and MikkTSpace tangents if `tangents`.
+///
+/// `influences` has one entry a vertex of `mesh`, or none; `morphs` one a morph target, each with one entry a vertex.
+pub fn level_mesh(
+    mesh: &TriMesh,
+    atlas: &Atlas,
+    influences: &[Influences],
+    morphs: &[LevelMorph],
+    tangents: bool,
+) -> LevelMesh {
+    let normals = mesh.vertex_normals();
+    let mut out = LevelMesh { morphs: vec![LevelMorph::default(); morphs.len()], ..LevelMesh::default() };
+    let mut ids: HashMap<(u32, [u32; 2]), u32> = HashMap::new();
+    for (triangle, uvs) in mesh.triangles.iter().zip(&atlas.uvs) {
+        let mut corners = [0; 3];
+        for k in 0..3 {
+            let (v, uv) = (triangle[k], uvs[k]);
+            corners[k] = *ids.entry((v, [uv.x.to_bits(), uv.y.to_bits()])).or_insert_with(|| {
+                out.positions.push(mesh.positions[v as usize]);
+                out.normals.push(normals[v as usize]);
+                out.uvs.push(uv);
+                out.influences.extend(influences.get(v as usize));
+                for (out, morph) in out.morphs.iter_mut().zip(morphs) {
+                    out.positions.push(morph.positions[v as usize]);
+                    out.normals.push(morph.normals[v as usize]);
+                }
+                out.positions.len() as u32 - 1
+            });
+        }
+        out.triangles.push(corners);
+    }
+    if tangents {
+        out.tangents = mikktspace(&out);
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::Vec4;
+
+    use super::*;
+    use crate::texture::tests::level as square;
+
+    #[test]
+    fn an_upright_image_has_its_tangent_along_u_and_positive_handedness() {
+        let (mesh, atlas) = square();
+        let level = level_mesh(&mesh, &atlas, &[], &[], true);
+        assert_eq!(level.positions.len(), 4);
+        assert!(level.tangents.iter().all(|t| (*t - Vec4::new(1.0, 0.0, 0.0, 1.0)).length() < 1e-6));
+    }
+
+    #[test]
+    fn a_vertex_on_a_chart_border_is_split() {
+        let (mesh, mut atlas) = square();
+        atlas.uvs[1] = atlas.uvs[1].map(|uv| uv * 0.5);
+        assert_eq!(level_mesh(&mesh, &atlas, &[], &[], false).positions.len(), 6);
+    }
+}
