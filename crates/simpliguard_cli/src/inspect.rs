@@ -33,7 +33,7 @@ pub(crate) fn run(args: &InspectArgs) -> Result<(), UsageError> {
 fn stage_table() -> String {
     let header = ["stage", "version", "weight", "runs", "purpose"].map(str::to_owned).to_vec();
     let row = |stage: &Stage| {
-        let runs = if stage.per_level { "per level" } else { "once" };
+        let runs = if stage.per_level { "for each level" } else { "once" };
         let (weight, purpose) = (format!("{} %", stage.weight), stage.purpose.to_owned());
         vec![stage.id.to_string(), stage.version.to_string(), weight, runs.to_owned(), purpose]
     };
