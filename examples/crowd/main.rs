@@ -188,6 +188,7 @@ impl Measurements {
 }
 
 #[expect(clippy::print_stdout, reason = "the program's result")]
+#[expect(clippy::too_many_arguments, reason = "a system of Bevy lists what it uses")]
 fn measure(
     mut commands: Commands,
     mut all: ResMut<Measurements>,

@@ -1,12 +1,13 @@
 //! Bevy plugin: bakes levels of detail when a glTF model is imported, and switches them while the game runs.
 //!
-//! [`SimpliguardPlugin`] is all a game adds. [`lod`] is the part that a shipped game keeps: it works on baked files
-//! whatever they were baked by. What bakes is behind the feature `bake`, on by default; the feature `overlay` adds a panel
-//! that shows both at work.
+//! A game adds [`SimpliguardPlugin`]. The module [`lod`] switches levels. It works on baked files of any origin, and a
+//! shipped game needs nothing else. The baking code is behind the feature `bake`, which is on by default. The feature
+//! `overlay` adds a panel that shows bakes and levels.
 
 #[cfg(feature = "bake")]
 mod bake;
 pub mod lod;
+mod options;
 #[cfg(feature = "overlay")]
 pub mod overlay;
 mod plugin;
@@ -16,16 +17,17 @@ pub use bake::{
     BakeFailed, BakeFinished, BakeProgress, BakeStarted, BakeStatus, Bakes, MetaSettings, SimpliguardProcess,
 };
 pub use lod::{LodSettings, LodStats, SimpliguardLods};
+pub use options::{BakeMode, BakePriority};
 #[cfg(feature = "overlay")]
 pub use overlay::{OverlayPlugin, OverlaySettings};
-pub use plugin::{BakeMode, BakePriority, SimpliguardPlugin};
+pub use plugin::SimpliguardPlugin;
 
-/// Compiles what the README shows.
+/// Compiles the code of the README.
 #[cfg(doctest)]
 #[doc = include_str!("../../../README.md")]
 struct Readme;
 
-/// Compiles what the guide shows.
+/// Compiles the code of the guide.
 #[cfg(doctest)]
 #[doc = include_str!("../../../docs/bevy.md")]
 struct Guide;

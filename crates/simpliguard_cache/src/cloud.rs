@@ -1,19 +1,19 @@
 //! A shared tier in object storage: Amazon S3 and what speaks its protocol, Google Cloud Storage, Azure Blob Storage.
 //!
-//! The layout is that of a cache's folder, without a marker: nothing is ever removed there. Credentials come from the environment, as each provider's own tools read
-//! them.
+//! The layout is that of a cache's folder, but without a marker, because nothing is ever removed there. Credentials
+//! come from the same environment variables that each provider's own tools read.
 
 use object_store::path::Path;
 use object_store::{ObjectStore, ObjectStoreExt, PutMode, parse_url_opts};
-use simpliguard::{Key, content_hash};
+use simpliguard_key::{Key, content_hash};
 use tokio::runtime::{Builder, Runtime};
 use url::Url;
 
-use crate::Entry;
 use crate::folder::NAME;
-use crate::record::{ObjectRecord, Record};
+use crate::record::{Entry, ObjectRecord, Record};
 use crate::shared::Tier;
 
+/// Object storage at an address.
 #[derive(Debug)]
 pub(crate) struct Cloud {
     store: Box<dyn ObjectStore>,
@@ -59,7 +59,7 @@ impl Cloud {
             }
             objects.push((name, bytes));
         }
-        Ok(Some(Entry { made_by: record.made_by, objects }))
+        Ok(Some(Entry { objects }))
     }
 
     async fn write_result(&self, key: &Key, entry: &Entry) -> Result<(), String> {
@@ -73,7 +73,7 @@ impl Cloud {
             }
             objects.push(ObjectRecord { name: name.clone(), hash, size: bytes.len() as u64 });
         }
-        let json = Record::new(key, &entry.made_by, objects).to_json().map_err(|e| e.to_string())?;
+        let json = Record::new(key, objects).to_json().map_err(|e| e.to_string())?;
         let path = self.path("results", &key.hex());
         self.store.put(&path, json.into()).await.map(drop).map_err(|e| e.to_string())
     }
@@ -91,13 +91,13 @@ impl Tier for Cloud {
 
 #[cfg(test)]
 mod tests {
-    use simpliguard::KeyBuilder;
+    use simpliguard_key::KeyBuilder;
 
     use super::*;
 
     fn entry() -> Entry {
         let objects = vec![("a".to_owned(), vec![7; 3000]), ("b".to_owned(), b"content".to_vec())];
-        Entry { made_by: "cpu".into(), objects }
+        Entry { objects }
     }
 
     #[test]

@@ -1,8 +1,8 @@
-//! Keeping a cache below its size: what was used longest ago goes first.
+//! Collection: keeps a cache below its size limit. The least recently used files are removed first.
 //!
-//! What stages have left behind goes before results, which cost more to make. An object goes with the last result that
-//! names it, but never within [`GRACE`] of being written: a writer stores objects first and the record that names them
-//! last. Whoever reads what is being removed has a miss.
+//! Stage objects are removed before results, because results cost more to make. An object is removed with the last
+//! result that contains it, but never within [`GRACE`] of being written: a writer stores the objects first and the
+//! record last. A reader of a file that is being removed has a miss.
 
 use std::collections::BTreeMap;
 use std::fs::{self, File};
@@ -10,54 +10,54 @@ use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use serde::{Deserialize, Serialize};
 
+use crate::error::StorageError;
+use crate::file::Durability;
 use crate::folder::State;
 use crate::inventory::{Inventory, StoredFile, StoredResult};
-use crate::{Cache, Durability, StorageError};
+use crate::store::Cache;
 
-/// The limit of a cache that is given none, in bytes.
-pub const DEFAULT_MAX_SIZE: u64 = 10 << 30;
-
-/// Locked by who collects.
+/// A file that is locked during a collection.
 const LOCK: &str = "collecting";
-/// How large everything is, about, as JSON.
+/// A file with the approximate size of the cache, as JSON.
 const ESTIMATE: &str = "estimate.json";
 
-/// Nothing that a writer may be about to use is this old.
+/// Files that a writer may be about to use are younger.
 const GRACE: Duration = Duration::from_secs(600);
-/// What is in quarantine is looked at by then.
+/// Time for which damaged files are kept in quarantine.
 const QUARANTINE: Duration = Duration::from_secs(7 * 24 * 3600);
-/// A full cache is brought down to this part of its limit, so that not every result means a collection.
+/// Numerator and denominator of the fraction of the limit that a collection shrinks a full cache to. Below 1, so that
+/// not every new result starts a collection.
 const LOW_WATER: (u64, u64) = (9, 10);
-/// An estimate of the size is not believed for longer.
+/// Time for which an estimate of the size is valid.
 const ESTIMATE_VALID: Duration = Duration::from_secs(24 * 3600);
 
-/// What a collection has done.
+/// The outcome of a collection.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct Collected {
-    /// Results that went.
+    /// Number of results that were removed.
     pub results: u64,
-    /// Objects of stages that went.
+    /// Number of stage objects that were removed.
     pub stages: u64,
-    /// Bytes that went.
+    /// Bytes that were removed.
     pub freed: u64,
     /// Bytes that are left.
     pub left: u64,
 }
 
-/// How large the cache is, about.
+/// The approximate size of the cache.
 #[derive(Serialize, Deserialize)]
 struct Estimate {
     bytes: u64,
-    /// When everything was counted, in seconds since 1970.
+    /// Time of the last full count, in seconds since 1970.
     counted: u64,
 }
 
 impl Cache {
-    /// Removes what nobody can use, and then what was used longest ago until the cache is well below `max_size` bytes.
-    /// `None` if another collection is under way.
+    /// Removes files that nobody can use. If the cache is then larger than `max_size` bytes, removes the least recently
+    /// used files until it is well below. `None` if another collection is running.
     ///
     /// # Errors
-    /// If nothing can be written there, or the folder is not the cache's own.
+    /// If the folder cannot be written, or belongs to somebody else.
     pub fn collect(&self, max_size: u64) -> Result<Option<Collected>, StorageError> {
         if matches!(self.own().state(), Ok(State::Missing)) {
             return Ok(Some(Collected::default()));
@@ -76,11 +76,11 @@ impl Cache {
         Ok(Some(done))
     }
 
-    /// Removes every file that the cache has put into its folder and every folder that is empty then, and returns the
-    /// bytes of the files.
+    /// Removes every file that the cache has written, and every folder that is empty then. Returns the size of the
+    /// files in bytes.
     ///
     /// # Errors
-    /// If the folder is not the cache's own; else the first file that cannot be removed, while the others are gone.
+    /// If the folder belongs to somebody else. Otherwise the first file that cannot be removed; all others are removed.
     pub fn clear(&self) -> Result<u64, StorageError> {
         self.check()?;
         let inventory = Inventory::of(self);
@@ -99,7 +99,7 @@ impl Cache {
         result
     }
 
-    /// Called when so many bytes were stored. Looks at all files only if the limit seems to be reached.
+    /// Adds stored bytes to the estimated size. Counts all files only if the estimate is above the limit.
     pub(crate) fn has_grown(&self, bytes: u64) {
         if self.max_size() == u64::MAX {
             return;
@@ -107,7 +107,7 @@ impl Cache {
         let estimate = self.estimate().map(|known| Estimate { bytes: known.bytes.saturating_add(bytes), ..known });
         match estimate.filter(|estimate| estimate.bytes <= self.max_size()) {
             Some(estimate) => self.set_estimate(&estimate),
-            // What cannot be removed stays; the next one tries again.
+            // A failed collection is repeated at the next write.
             None => drop(self.collect(self.max_size())),
         }
     }
@@ -115,12 +115,13 @@ impl Cache {
     fn estimate(&self) -> Option<Estimate> {
         let json = self.read_file(&self.folder().join(ESTIMATE)).ok()??;
         let estimate: Estimate = serde_json::from_slice(&json).ok()?;
-        // One from the future has no age, so everything is counted.
+        // An estimate from the future is wrong.
         let age = seconds_since_1970().checked_sub(estimate.counted)?;
         (age < ESTIMATE_VALID.as_secs()).then_some(estimate)
     }
 
-    /// Two processes at once may lose what one has stored, until everything is counted again.
+    /// Writes the estimate. If two processes do so at the same time, the bytes of one may be missing until the next
+    /// full count.
     fn set_estimate(&self, estimate: &Estimate) {
         if let Ok(json) = serde_json::to_vec(estimate) {
             let _ = self.write(&self.folder().join(ESTIMATE), &json, Durability::Process);
@@ -132,7 +133,7 @@ fn seconds_since_1970() -> u64 {
     SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |time| time.as_secs())
 }
 
-/// A collection under way.
+/// A running collection.
 struct Collection {
     inventory: Inventory,
     size: u64,
@@ -149,12 +150,13 @@ impl Collection {
         self.size.saturating_sub(self.done.freed)
     }
 
+    /// Removes the files that nobody can use.
     fn remove_useless(&mut self) {
         let Inventory { temporary, locks, quarantine, results, .. } = &mut self.inventory;
         let temporary = old(temporary, GRACE);
         let locks = old(locks, GRACE);
         let quarantine = old(quarantine, QUARANTINE);
-        // Its objects may be on their way to be stored again.
+        // A young incomplete result stays: its objects may be about to be stored again.
         let (incomplete, complete) = std::mem::take(results)
             .into_iter()
             .partition::<Vec<_>, _>(|result| !result.is_complete && result.file.is_older_than(GRACE));
@@ -174,7 +176,7 @@ impl Collection {
         unused.iter().for_each(|object| self.remove_object(object));
     }
 
-    /// Until at most `target` bytes are left.
+    /// Removes the least recently used files until at most `target` bytes are left.
     fn evict(&mut self, target: u64) {
         for file in by_use(std::mem::take(&mut self.inventory.quarantine), |file| file) {
             if self.left() > target {
@@ -208,7 +210,7 @@ impl Collection {
         }
     }
 
-    /// Unless somebody may be about to name it.
+    /// Removes an object, unless a writer may be about to use it in a record.
     fn remove_object(&mut self, object: &StoredFile) {
         let modified = fs::metadata(&object.path).and_then(|data| data.modified());
         let is_old = |modified| StoredFile { modified, ..object.clone() }.is_older_than(GRACE);
@@ -226,18 +228,19 @@ impl Collection {
     }
 }
 
-/// Takes the files out that are older than `age`.
+/// Takes out the files that are older than `age`.
 fn old(files: &mut Vec<StoredFile>, age: Duration) -> Vec<StoredFile> {
     files.extract_if(.., |file| file.is_older_than(age)).collect()
 }
 
+/// Sorts by the last use, the oldest first.
 fn by_use<T>(mut items: Vec<T>, file: impl Fn(&T) -> &StoredFile) -> Vec<T> {
     let key = |item: &T| (file(item).modified, file(item).hex.clone());
     items.sort_by_key(key);
     items
 }
 
-/// Whether nobody holds a lock file.
+/// Tells whether nobody holds the lock of a file.
 fn is_free(lock: &StoredFile) -> bool {
     File::open(&lock.path).is_ok_and(|file| file.try_lock().is_ok())
 }

@@ -1,43 +1,43 @@
-//! Writing a file so that nobody ever sees half of it.
+//! Atomic writes: a reader sees the whole file or no file.
 
 use std::ffi::OsStr;
 use std::fs;
 use std::io::{self, Write};
 use std::path::Path;
 
-/// How the names of temporary files begin and end.
+/// The beginning and the end of the names of temporary files.
 const TEMPORARY: [&str; 2] = [".simpliguard-", ".tmp"];
 
-/// What a file must outlive.
+/// The event that a written file must survive.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Durability {
     /// The end of the process.
     Process,
-    /// A loss of power: the file is on the disk before it gets its name.
+    /// A loss of power: the file is synced to the disk before it gets its name.
     PowerLoss,
 }
 
-/// Writes `bytes` to a temporary file in the folder of `path` and renames it to `path`. Makes the folder if need be. If
-/// anything fails, `path` is as it was.
+/// Writes `bytes` to a temporary file in the folder of `path` and renames it to `path`. Creates the folder if it is
+/// missing. If anything fails, `path` stays as it was.
 pub fn write_atomic(path: &Path, bytes: &[u8], durability: Durability) -> io::Result<()> {
     write_atomic_through(folder_of(path), path, bytes, durability)
 }
 
-/// As [`write_atomic`], with the temporary file in `scratch`, a folder on the same file system: for folders that somebody
-/// watches.
+/// Like [`write_atomic`], with the temporary file in `scratch`, a folder on the same file system. It is for folders
+/// that a program watches.
 pub fn write_atomic_through(scratch: &Path, path: &Path, bytes: &[u8], durability: Durability) -> io::Result<()> {
     fs::create_dir_all(folder_of(path))?;
     fs::create_dir_all(scratch)?;
     replace(scratch, path, bytes, durability)
 }
 
-/// As [`write_atomic_through`], but makes no folder.
+/// Like [`write_atomic_through`], but creates no folder.
 pub(crate) fn replace(scratch: &Path, path: &Path, bytes: &[u8], durability: Durability) -> io::Result<()> {
     let mut builder = tempfile::Builder::new();
     builder.prefix(TEMPORARY[0]).suffix(TEMPORARY[1]);
     #[cfg(unix)]
     {
-        // As any new file, by the user's umask; temporary files are private otherwise.
+        // Temporary files are private by default. This one gets the permissions of any new file: those of the umask.
         use std::os::unix::fs::PermissionsExt;
         builder.permissions(fs::Permissions::from_mode(0o666));
     }
@@ -49,17 +49,21 @@ pub(crate) fn replace(scratch: &Path, path: &Path, bytes: &[u8], durability: Dur
     persist(file, path)
 }
 
-/// Whether a name is one of a temporary file of ours.
+/// Tells whether a name is that of a temporary file of this program.
 pub(crate) fn is_temporary(name: &OsStr) -> bool {
     let name = name.as_encoded_bytes();
     name.starts_with(TEMPORARY[0].as_bytes()) && name.ends_with(TEMPORARY[1].as_bytes())
 }
 
+/// The folder of a file.
 pub(crate) fn folder_of(path: &Path) -> &Path {
     path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."))
 }
 
-/// `Err` with the reason if no file can be made in `folder`. Leaves nothing behind.
+/// Checks that a file can be created in `folder`. Leaves nothing behind.
+///
+/// # Errors
+/// The reason why no file can be created.
 pub fn can_write_in(folder: &Path) -> io::Result<()> {
     tempfile::tempfile_in(folder).map(drop)
 }
@@ -69,7 +73,8 @@ fn persist(file: tempfile::NamedTempFile, path: &Path) -> io::Result<()> {
     file.persist(path).map(drop).map_err(|e| e.error)
 }
 
-/// A rename fails while another process, often a virus scanner, has the target open.
+/// Renames, with some retries: on Windows a rename fails while another process has the target open, often a virus
+/// scanner.
 #[cfg(windows)]
 fn persist(mut file: tempfile::NamedTempFile, path: &Path) -> io::Result<()> {
     let mut wait = std::time::Duration::from_millis(5);

@@ -1,57 +1,57 @@
-//! The folder that a cache has for itself, and what may be done there.
+//! The folder that belongs to the cache alone.
 //!
-//! The folder that a user gives may hold anything. All files of a cache lie in one folder in it, which gets a marker
-//! when it is made. One without a marker belongs to somebody else: nothing is written, moved or removed there. Nor is
-//! anything done through a symbolic link, which may lead anywhere.
+//! The folder that a user gives may contain anything. All files of a cache lie in one folder below it. This folder gets
+//! a marker when it is created. A folder without a marker belongs to somebody else: no file is written, moved or
+//! removed there. Symbolic links are never followed, because they may lead anywhere.
 
 use std::ffi::OsStr;
 use std::fs::{self, FileType};
 use std::io::{self, ErrorKind};
 use std::path::{Path, PathBuf};
 
-use crate::file::{is_temporary, replace};
-use crate::{Durability, StorageError};
+use crate::error::StorageError;
+use crate::file::{Durability, is_temporary, replace};
 
-/// The folder's name; another layout has another one.
+/// The name of the folder. Another layout gets another name.
 pub(crate) const NAME: &str = "simpliguard-v1";
 
-/// Folders of files that are named by a hash: `ab/cdef..`.
+/// The folders of files that are named by a hash: `ab/cdef..`.
 pub(crate) const HASHED: [&str; 4] = ["results", "objects", "stages", "locks"];
 pub(crate) const QUARANTINE: &str = "quarantine";
 
 const MARKER: &str = "CACHEDIR.TAG";
-/// Backup programs skip a folder whose marker begins with it.
+/// The first line of the marker. Backup programs skip folders with such a marker.
 const SIGNATURE: &str = "Signature: 8a477f597d28d172789f06886806bc55";
-/// The second line, which only our own markers have.
+/// The second line of the marker, which only this program writes.
 const OURS: &str = "# This folder is a cache of simpliguard.";
 const EXPLANATION: &str = "# It may be deleted at any time. Files of your own do not belong here.";
-/// No marker is longer, in bytes.
+/// Largest size of a marker in bytes.
 const LONGEST_MARKER: u64 = 4096;
 
-/// How often a write starts again after somebody has deleted its folder.
+/// Number of tries to write a file while somebody deletes its folder.
 const ATTEMPTS: u32 = 5;
 
-/// Whose the folder is.
+/// The owner of the folder.
 #[derive(Debug, PartialEq, Eq)]
 pub(crate) enum State {
-    /// There is none.
+    /// There is no folder.
     Missing,
-    /// It holds nothing, or only temporary files of a process that ended before it wrote the marker.
+    /// The folder is empty, or has only temporary files of a process that ended before it wrote the marker.
     Empty,
-    /// It has our marker.
+    /// The folder has the marker.
     Ours,
-    /// It is somebody else's; why so.
+    /// The folder belongs to somebody else. The text describes the content.
     Foreign(String),
 }
 
-/// The folder of a cache in the one that the user gave. It need not exist.
+/// The folder of a cache below the one that the user gave. It need not exist.
 #[derive(Debug)]
 pub(crate) struct OwnFolder {
     path: PathBuf,
 }
 
 impl OwnFolder {
-    /// The one in `root`. Touches nothing.
+    /// The folder below `root`. Touches nothing.
     pub(crate) fn new(root: &Path) -> Self {
         Self { path: root.join(NAME) }
     }
@@ -60,7 +60,7 @@ impl OwnFolder {
         &self.path
     }
 
-    /// Whose it is at the moment.
+    /// The owner at the moment.
     pub(crate) fn state(&self) -> io::Result<State> {
         match kind(&self.path)? {
             None => return Ok(State::Missing),
@@ -76,7 +76,7 @@ impl OwnFolder {
             Err(e) => return Err(e),
         };
         let Some(stranger) = stranger else { return Ok(State::Empty) };
-        // Another process may have written its marker, and then more, since the first look.
+        // Another process may have written its marker, and then more files, since the first check.
         if self.is_marked()? {
             return Ok(State::Ours);
         }
@@ -84,12 +84,12 @@ impl OwnFolder {
         Ok(State::Foreign(found))
     }
 
-    /// Whether the folder may be read.
+    /// Tells whether the folder may be read.
     pub(crate) fn is_ours(&self) -> io::Result<bool> {
         self.state().map(|state| state == State::Ours)
     }
 
-    /// `Err` if the folder is somebody else's, or cannot be looked at.
+    /// Checks that the folder belongs to the cache, or is missing or empty.
     pub(crate) fn check(&self) -> Result<(), StorageError> {
         match self.state() {
             Ok(State::Foreign(found)) => Err(StorageError::Foreign { path: self.path.clone(), found }),
@@ -98,7 +98,7 @@ impl OwnFolder {
         }
     }
 
-    /// Whether `path` is a file below the folder that no symbolic link leads to.
+    /// Tells whether `path` is a file below the folder, without a symbolic link on the way.
     pub(crate) fn has_file(&self, path: &Path) -> io::Result<bool> {
         for folder in self.folders_to(path) {
             if !kind(folder)?.is_some_and(|kind| kind.is_dir()) {
@@ -108,12 +108,12 @@ impl OwnFolder {
         Ok(kind(path)?.is_some_and(|kind| kind.is_file()))
     }
 
-    /// Calls `act`, which writes `path` below the folder, once all folders above `path` are there and ours.
+    /// Creates all folders above `path`, which lies below the folder, and calls `act` to write `path`.
     pub(crate) fn write<T>(&self, path: &Path, act: impl Fn(&Path) -> io::Result<T>) -> Result<T, StorageError> {
         let failed = |source| StorageError::Io { action: "write", path: path.to_owned(), source };
         for _ in 1..ATTEMPTS {
             match self.prepare(path).and_then(|()| act(path).map_err(failed)) {
-                // Somebody has deleted a folder since it was prepared.
+                // Somebody deleted a folder after it was prepared.
                 Err(StorageError::Io { source, .. }) if source.kind() == ErrorKind::NotFound => {}
                 done => return done,
             }
@@ -121,8 +121,8 @@ impl OwnFolder {
         self.prepare(path).and_then(|()| act(path).map_err(failed))
     }
 
-    /// Removes every folder that the cache has made and that is empty, and the marker and the folder itself once
-    /// nothing else is there.
+    /// Removes every empty folder that the cache has created. If only the marker is left, removes the marker and the
+    /// folder itself.
     pub(crate) fn remove_empty(&self) {
         for folder in HASHED.map(|name| self.path.join(name)) {
             let parts = if is_folder(&folder) { names(&folder).unwrap_or_default() } else { Vec::new() };
@@ -135,15 +135,15 @@ impl OwnFolder {
         if names(&self.path).is_ok_and(|names| names.iter().all(|name| name == MARKER)) {
             let _ = fs::remove_file(self.path.join(MARKER));
             remove_folder(&self.path);
-            // A writer came between: without a marker its files would look like somebody else's.
+            // A writer was faster. Without a marker, its files would look like somebody else's.
             if is_folder(&self.path) {
                 let _ = self.mark();
             }
         }
     }
 
-    /// Makes the folders above `path`. Never makes more than one level at a time below the marker, so that a folder
-    /// that is deleted meanwhile does not come back without one.
+    /// Creates the folders above `path`, one level at a time: if the folder of the cache is deleted meanwhile, it does
+    /// not come back without its marker.
     fn prepare(&self, path: &Path) -> Result<(), StorageError> {
         self.claim()?;
         for folder in self.folders_to(path) {
@@ -163,7 +163,7 @@ impl OwnFolder {
         }
     }
 
-    /// Makes the folder if it is missing and marks it if it is empty.
+    /// Creates the folder if it is missing, and writes the marker if it is empty.
     fn claim(&self) -> Result<(), StorageError> {
         let failed = |source| StorageError::Io { action: "write", path: self.path.clone(), source };
         let mut state = self.state().map_err(failed)?;
@@ -180,10 +180,10 @@ impl OwnFolder {
         }
     }
 
-    /// Any number of processes may do so at once: their markers are equal.
+    /// Writes the marker. Several processes may do so at the same time, because their markers are equal.
     fn mark(&self) -> io::Result<()> {
         let text = [SIGNATURE, OURS, EXPLANATION, ""].join("\n");
-        // A marker that a loss of power empties would give the folder away.
+        // After a loss of power, an empty marker would make the folder look like somebody else's.
         replace(&self.path, &self.path.join(MARKER), text.as_bytes(), Durability::PowerLoss)
     }
 
@@ -198,25 +198,25 @@ impl OwnFolder {
         }
     }
 
-    /// The folders between this one and `path`, outermost first.
+    /// The folders between this one and `path`, from the outside inwards.
     fn folders_to<'a>(&self, path: &'a Path) -> impl Iterator<Item = &'a Path> {
         let above = path.ancestors().skip(1).take_while(|folder| *folder != self.path);
         above.collect::<Vec<_>>().into_iter().rev()
     }
 }
 
-/// Whether `path` is a folder, and no link to one.
+/// Tells whether `path` is a folder, not a link to one.
 pub(crate) fn is_folder(path: &Path) -> bool {
     kind(path).is_ok_and(|kind| kind.is_some_and(|kind| kind.is_dir()))
 }
 
-/// Whether a name consists of `digits` lowercase hexadecimal digits.
+/// Tells whether a name consists of `digits` lowercase hexadecimal digits.
 pub(crate) fn is_hex(name: &OsStr, digits: usize) -> bool {
     let is_digit = |byte: &u8| matches!(byte, b'0'..=b'9' | b'a'..=b'f');
     name.len() == digits && name.as_encoded_bytes().iter().all(is_digit)
 }
 
-/// What `path` itself is, a link included; `None` if there is nothing.
+/// The type of `path` itself; links are not followed. `None` if there is nothing.
 fn kind(path: &Path) -> io::Result<Option<FileType>> {
     match fs::symlink_metadata(path) {
         Ok(data) => Ok(Some(data.file_type())),
@@ -239,7 +239,7 @@ fn names(folder: &Path) -> io::Result<Vec<std::ffi::OsString>> {
     fs::read_dir(folder)?.map(|entry| entry.map(|entry| entry.file_name())).collect()
 }
 
-/// Unless another process has just made it.
+/// Creates a folder. It is no error if another process has just created it.
 fn make_folder(path: &Path) -> io::Result<()> {
     match fs::create_dir(path) {
         Err(e) if e.kind() == ErrorKind::AlreadyExists => Ok(()),
@@ -247,7 +247,7 @@ fn make_folder(path: &Path) -> io::Result<()> {
     }
 }
 
-/// If it is empty and no link: on Windows, one would go.
+/// Removes a folder if it is empty and not a link. (On Windows, `remove_dir` also removes links.)
 fn remove_folder(path: &Path) {
     if is_folder(path) {
         let _ = fs::remove_dir(path);

@@ -1,4 +1,4 @@
-//! All files of a cache, and which belong to which.
+//! The inventory: all files of a cache, and the objects of each result.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -9,28 +9,29 @@ use rayon::prelude::*;
 use serde::Serialize;
 use walkdir::{DirEntry, WalkDir};
 
-use crate::Cache;
 use crate::file::is_temporary;
 use crate::folder::{QUARANTINE, State, is_folder, is_hex};
-use crate::record::Record;
+use crate::record::{ObjectRecord, Record};
+use crate::store::Cache;
 
-/// Clocks of machines that share a folder differ by less.
+/// Largest difference between the clocks of machines that share a folder.
 const CLOCK_DIFFERENCE: Duration = Duration::from_secs(3600);
 
 /// A file of a cache.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct StoredFile {
     pub(crate) path: PathBuf,
-    /// The hash it is named by; empty for temporary files and those in quarantine.
+    /// The hash in its name. Empty for temporary files and for those in quarantine.
     pub(crate) hex: String,
     /// In bytes.
     pub(crate) size: u64,
-    /// When it was written or last used.
+    /// Time of the last recorded use, or of writing.
     pub(crate) modified: SystemTime,
 }
 
 impl StoredFile {
-    /// A date in the future is wrong and says nothing, so that such a file counts as old.
+    /// Tells whether the last use is longer ago than `age`. A date in the future is wrong, so such a file counts as
+    /// old.
     pub(crate) fn is_older_than(&self, age: Duration) -> bool {
         match self.modified.elapsed() {
             Ok(elapsed) => elapsed > age,
@@ -42,13 +43,13 @@ impl StoredFile {
 /// The record of a result and the objects that it names.
 pub(crate) struct StoredResult {
     pub(crate) file: StoredFile,
-    /// Names of the objects' files; empty if the record cannot be used.
+    /// Hashes of the objects as hexadecimal digits. Empty if the record cannot be used.
     pub(crate) objects: Vec<String>,
-    /// Whether all of them were there.
+    /// True if all objects were there.
     pub(crate) is_complete: bool,
 }
 
-/// What was in a cache when it was looked at; others may have changed it since.
+/// The files of a cache at one moment. Other processes may change the cache meanwhile.
 #[derive(Default)]
 pub(crate) struct Inventory {
     pub(crate) results: Vec<StoredResult>,
@@ -56,13 +57,13 @@ pub(crate) struct Inventory {
     pub(crate) stages: Vec<StoredFile>,
     pub(crate) quarantine: Vec<StoredFile>,
     pub(crate) locks: Vec<StoredFile>,
-    /// Temporary files, most of them of writers that have died.
+    /// Temporary files, mostly of writers that were killed.
     pub(crate) temporary: Vec<StoredFile>,
 }
 
 impl Inventory {
-    /// Only files with names that this program gives, in the places where it puts them; nothing in a folder that is not
-    /// the cache's own.
+    /// Lists the files whose names and places are those that this program uses. Lists nothing in a folder of somebody
+    /// else.
     pub(crate) fn of(cache: &Cache) -> Self {
         if !matches!(cache.own().state(), Ok(State::Ours | State::Empty)) {
             return Self::default();
@@ -81,14 +82,14 @@ impl Inventory {
         Self { results, objects, stages, locks, temporary, quarantine }
     }
 
-    /// Of all files; records come first, so that none is left without its objects.
+    /// The paths of all files. Records come first, so that no record is left without its objects.
     pub(crate) fn into_paths(self) -> impl Iterator<Item = PathBuf> {
         let results = self.results.into_iter().map(|result| result.file);
         let rest = [self.stages, self.quarantine, self.locks, self.temporary].into_iter().flatten();
         results.chain(self.objects.into_values()).chain(rest).map(|file| file.path)
     }
 
-    /// How many results name each object.
+    /// The number of results that contain each object.
     pub(crate) fn references(&self) -> BTreeMap<&str, usize> {
         let mut references = BTreeMap::new();
         for object in self.results.iter().flat_map(|result| &result.objects) {
@@ -97,7 +98,7 @@ impl Inventory {
         references
     }
 
-    /// Of everything, in bytes.
+    /// The size of all files in bytes.
     pub(crate) fn size(&self) -> u64 {
         let results = self.results.iter().map(|result| &result.file);
         let rest = [&self.stages, &self.quarantine, &self.temporary].into_iter().flatten();
@@ -107,7 +108,7 @@ impl Inventory {
 
 fn stored_result(file: StoredFile, objects: &BTreeMap<String, StoredFile>) -> StoredResult {
     let record = fs::read(&file.path).ok().and_then(|json| Record::parse(&json, &file.hex).ok().flatten());
-    let is_there = |object: &crate::record::ObjectRecord| {
+    let is_there = |object: &ObjectRecord| {
         objects.get(object.hash.to_hex().as_str()).is_some_and(|there| there.size == object.size)
     };
     let is_complete = record.as_ref().is_some_and(|record| record.objects.iter().all(is_there));
@@ -115,10 +116,10 @@ fn stored_result(file: StoredFile, objects: &BTreeMap<String, StoredFile>) -> St
     StoredResult { file, objects: objects.iter().map(|object| object.hash.to_string()).collect(), is_complete }
 }
 
-/// The files of ours that lie `depth` levels below a folder, by path. `hex` tells what is ours, and the hash that it is
-/// named by.
+/// The files of the cache that lie `depth` levels below a folder, sorted by path. `hex` gives the hash in a file's
+/// name, or `None` for a file that this program has not written.
 fn files(folder: &Path, depth: usize, hex: impl Fn(&Path) -> Option<String>) -> Vec<StoredFile> {
-    // A walk follows the link that it begins at.
+    // `WalkDir` follows a link at its root.
     if !is_folder(folder) {
         return Vec::new();
     }
@@ -133,18 +134,19 @@ fn files(folder: &Path, depth: usize, hex: impl Fn(&Path) -> Option<String>) -> 
     entries.filter_map(stored).collect()
 }
 
-/// The hash of `ab/cdef..`.
+/// The hash in a path `ab/cdef..`.
 fn hash_name(path: &Path) -> Option<String> {
     let (first, rest) = (path.parent()?.file_name()?, path.file_name()?);
     (is_hex(first, 2) && is_hex(rest, 62)).then(|| format!("{}{}", first.to_string_lossy(), rest.to_string_lossy()))
 }
 
-/// Empty if it is a temporary file.
+/// An empty hash for the path of a temporary file.
 fn temporary_name(path: &Path) -> Option<String> {
     is_temporary(path.file_name()?).then(String::new)
 }
 
-/// Empty if it is a file in quarantine: the rest of its hash, the number of the process that moved it, and a count.
+/// An empty hash for the path of a file in quarantine: the rest of its hash, the id of the process that moved it, and a
+/// count.
 fn quarantine_name(path: &Path) -> Option<String> {
     let mut parts = path.file_name()?.to_str()?.split('.');
     let is_hash = is_hex(parts.next()?.as_ref(), 62);
@@ -152,12 +154,12 @@ fn quarantine_name(path: &Path) -> Option<String> {
     (is_hash && is_number(parts.next()?) && is_number(parts.next()?) && parts.next().is_none()).then(String::new)
 }
 
-/// Files and their bytes.
+/// A number of files and their total size.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct Amount {
-    /// How many.
+    /// Number of files.
     pub files: u64,
-    /// Their sizes together.
+    /// Total size in bytes.
     pub bytes: u64,
 }
 
@@ -167,27 +169,27 @@ impl<'a> FromIterator<&'a StoredFile> for Amount {
     }
 }
 
-/// What is in a cache.
+/// The content of a cache.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct Usage {
     /// Records of results.
     pub results: Amount,
-    /// Those of them whose objects are not all there; they count as misses.
+    /// Records of results that have lost an object. They count as misses.
     pub incomplete: Amount,
-    /// What results are made of.
+    /// Objects of results.
     pub objects: Amount,
-    /// Those of them that no result names.
+    /// Objects that belong to no result.
     pub unreferenced: Amount,
-    /// What stages have left behind for later bakes.
+    /// Stage objects.
     pub stages: Amount,
-    /// What did not match its hash.
+    /// Files that did not match their hashes.
     pub quarantine: Amount,
-    /// Everything, in bytes.
+    /// Total size in bytes.
     pub bytes: u64,
 }
 
 impl Cache {
-    /// Counts what is in the cache. Others may change it meanwhile. An unreadable folder counts as empty.
+    /// Counts the files of the cache. Other processes may change it meanwhile. An unreadable folder counts as empty.
     pub fn usage(&self) -> Usage {
         let inventory = Inventory::of(self);
         let references = inventory.references();

@@ -1,27 +1,23 @@
 //! The shared tier: results of other machines.
 //!
-//! What is not here is fetched from there, checked and stored here; what is made here is stored there. A tier that
-//! fails is left alone for a while and never stops a bake.
+//! A result that is missing here is fetched from the tier, checked and stored here. A result that is made here is
+//! stored in the tier too. A tier that fails is left alone for a while. It never stops a bake.
 
 use std::fmt::Debug;
-use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
-use simpliguard::Key;
-use simpliguard::settings::CacheSettings;
+use simpliguard_key::Key;
 
-use crate::{Cache, Entry, Lookup, StorageError};
+use crate::error::StorageError;
+use crate::record::Entry;
 
-/// Environment variable that names the shared tier.
-pub const SHARED_ENV_VAR: &str = "SIMPLIGUARD_SHARED_CACHE";
-
-/// How long a tier is left alone that has failed.
+/// Time for which a tier that failed is left alone.
 const PAUSE: Duration = Duration::from_secs(60);
 
 /// A place for results that other machines use, too.
 pub(crate) trait Tier: Debug + Send + Sync {
-    /// The result of a key, checked. `Err` says why it cannot be had.
+    /// The result of a key, checked against its hashes. `Err` holds the reason of a failure.
     fn get(&self, key: &Key) -> Result<Option<Entry>, String>;
     /// Stores a result.
     fn put(&self, key: &Key, entry: &Entry) -> Result<(), String>;
@@ -33,26 +29,13 @@ pub(crate) struct Shared {
     address: String,
     tier: Result<Box<dyn Tier>, String>,
     read_only: bool,
+    /// Time of the last failure.
     failed: Mutex<Option<Instant>>,
 }
 
 impl Shared {
-    /// The tier of `explicit` (the command line), else of [`SHARED_ENV_VAR`], else of the project whose folder is `base`.
-    pub(crate) fn of_project(explicit: Option<&str>, settings: &CacheSettings, base: &Path) -> Option<Self> {
-        let variable = std::env::var(SHARED_ENV_VAR).ok().filter(|address| !address.is_empty());
-        let (address, base) = match (explicit.map(str::to_owned).or(variable), &settings.shared) {
-            (Some(address), _) => (address, Path::new("")),
-            (None, Some(address)) => (address.clone(), base),
-            (None, None) => return None,
-        };
-        Some(Self::open(&address, base, settings.shared_read_only))
-    }
-
-    fn open(address: &str, base: &Path, read_only: bool) -> Self {
-        let tier: Result<Box<dyn Tier>, String> = match folder(address, base) {
-            Some(folder) => Ok(Box::new(Cache::unlimited(folder, read_only))),
-            None => open_cloud(address),
-        };
+    /// The tier at `address`, or the reason why it cannot be opened.
+    pub(crate) fn new(address: &str, tier: Result<Box<dyn Tier>, String>, read_only: bool) -> Self {
         Self { address: address.to_owned(), tier, read_only, failed: Mutex::default() }
     }
 
@@ -67,58 +50,20 @@ impl Shared {
         self.ask("write to", |tier| tier.put(key, entry)).map(drop)
     }
 
-    /// `None` while the tier is left alone.
+    /// Calls `operation` with the tier. `None` while the tier is left alone.
     fn ask<T>(
         &self,
         action: &'static str,
-        what: impl FnOnce(&dyn Tier) -> Result<T, String>,
+        operation: impl FnOnce(&dyn Tier) -> Result<T, String>,
     ) -> Result<Option<T>, StorageError> {
         let failed = || self.failed.lock().unwrap_or_else(PoisonError::into_inner);
         if failed().is_some_and(|at| at.elapsed() < PAUSE) {
             return Ok(None);
         }
-        let answer = self.tier.as_ref().map_err(String::clone).and_then(|tier| what(tier.as_ref()));
+        let answer = self.tier.as_ref().map_err(String::clone).and_then(|tier| operation(tier.as_ref()));
         answer.map(Some).map_err(|reason| {
             *failed() = Some(Instant::now());
             StorageError::Shared { action, address: self.address.clone(), reason }
         })
-    }
-}
-
-/// The folder of an address that is a path or a `file:` URL.
-fn folder(address: &str, base: &Path) -> Option<PathBuf> {
-    match address.split_once("://") {
-        Some(("file", path)) => Some(path.into()),
-        Some(_) => None,
-        None => Some(base.join(address)),
-    }
-}
-
-#[cfg(feature = "cloud")]
-fn open_cloud(address: &str) -> Result<Box<dyn Tier>, String> {
-    Ok(Box::new(crate::cloud::Cloud::open(address)?))
-}
-
-#[cfg(not(feature = "cloud"))]
-fn open_cloud(_: &str) -> Result<Box<dyn Tier>, String> {
-    Err("this build knows folders only; build it with the feature `cloud`".into())
-}
-
-/// A folder on a file server, with the layout of any cache.
-impl Tier for Cache {
-    fn get(&self, key: &Key) -> Result<Option<Entry>, String> {
-        // A server that is not there is no empty cache.
-        if !self.root().is_dir() {
-            return Err("there is no such folder".into());
-        }
-        match Self::get(self, key) {
-            Lookup::Hit(entry) => Ok(Some(entry)),
-            Lookup::Miss => Ok(None),
-            Lookup::Damaged(error) => Err(error.to_string()),
-        }
-    }
-
-    fn put(&self, key: &Key, entry: &Entry) -> Result<(), String> {
-        Self::put(self, key, entry).map_err(|e| e.to_string())
     }
 }

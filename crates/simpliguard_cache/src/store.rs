@@ -1,4 +1,4 @@
-//! The store on disk.
+//! The cache on disk.
 
 use std::fs::{self, File};
 use std::io;
@@ -6,108 +6,50 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 use std::time::{Duration, SystemTime};
 
-use simpliguard::{Key, content_hash};
+use simpliguard_key::{Key, content_hash};
 
-use crate::Durability;
-use crate::file::{folder_of, replace};
+use crate::error::StorageError;
+use crate::file::{Durability, folder_of, replace};
 use crate::folder::{OwnFolder, QUARANTINE};
-use crate::record::{ObjectRecord, Record};
+use crate::record::{Entry, ObjectRecord, Record};
 use crate::shared::Shared;
 
-/// A use is noted if the last one is this long ago.
+/// The size limit of a cache by default, in bytes.
+pub const DEFAULT_MAX_SIZE: u64 = 10 << 30;
+
+/// A use is recorded if the last recorded use is older.
 pub(crate) const USE_NOTED_AFTER: Duration = Duration::from_secs(3600);
 
-/// The result of a bake: named objects, and who made them.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Entry {
-    /// What computed it, such as `cpu`.
-    pub made_by: String,
-    /// Names and contents, in the order they were stored.
-    pub objects: Vec<(String, Vec<u8>)>,
-}
-
-impl Entry {
-    /// The content of an object.
-    pub fn object(&self, name: &str) -> Option<&[u8]> {
-        self.objects.iter().find(|(n, _)| n == name).map(|(_, bytes)| bytes.as_slice())
-    }
-}
-
-/// What [`Cache::get`] found.
+/// The outcome of [`Cache::get`].
 #[derive(Debug)]
 pub enum Lookup {
-    /// Everything is there and matches its hash.
+    /// The result: all its objects are there and match their hashes.
     Hit(Entry),
-    /// There is no such result.
+    /// No result.
     Miss,
-    /// There is one, but it cannot be used; for a warning. It counts as a miss.
+    /// A result that cannot be used. The error is for a warning. It counts as a miss.
     Damaged(StorageError),
 }
 
-/// Something the store could not do. Never a reason to stop a bake.
-#[derive(Debug, thiserror::Error)]
-pub enum StorageError {
-    /// The file system refused.
-    #[error("cache: cannot {action} {}: {source}", path.display())]
-    Io {
-        /// What was tried.
-        action: &'static str,
-        /// On what.
-        path: PathBuf,
-        /// Why not.
-        source: io::Error,
-    },
-    /// There is something that this program has not made, where its own files are to be.
-    #[error("cache: {} is not used: {found}; delete or rename it, or choose another folder for the cache", path.display())]
-    Foreign {
-        /// Where.
-        path: PathBuf,
-        /// What is there.
-        found: String,
-    },
-    /// A file does not hold what it should.
-    #[error("cache: {} {reason}; {}", path.display(), if *moved { "moved to quarantine" } else { "it could not be moved away" })]
-    Damaged {
-        /// The file.
-        path: PathBuf,
-        /// What is wrong with it.
-        reason: String,
-        /// Whether it is in quarantine now.
-        moved: bool,
-    },
-    /// The shared tier does not answer as it should.
-    #[error(
-        "shared cache: cannot {action} {address}: {reason}; results stay on this machine: check the address and your rights there"
-    )]
-    Shared {
-        /// What was tried.
-        action: &'static str,
-        /// Where.
-        address: String,
-        /// Why not.
-        reason: String,
-    },
-}
-
-/// What a [`Cache`] has seen since it was opened.
+/// Counts since a [`Cache`] was opened.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Stats {
-    /// Results found whole.
+    /// Results that were found.
     pub hits: u64,
-    /// Results not found, or not whole.
+    /// Results that were not found, or were damaged.
     pub misses: u64,
     /// Files that did not match their hash.
     pub quarantined: u64,
 }
 
-/// A cache. Any number of threads and processes may use one at the same time.
+/// A cache. Any number of threads and processes may use it at the same time.
 #[derive(Debug)]
 pub struct Cache {
     root: PathBuf,
     folder: OwnFolder,
     max_size: u64,
     shared: Option<Shared>,
-    /// Files are neither moved nor touched.
+    /// No file is moved, and no use is recorded.
     read_only: bool,
     hits: AtomicU64,
     misses: AtomicU64,
@@ -115,13 +57,13 @@ pub struct Cache {
 }
 
 impl Cache {
-    /// A cache in a folder, which need not exist yet, of at most [`crate::DEFAULT_MAX_SIZE`]. Touches nothing.
+    /// A cache in a folder, with a limit of [`DEFAULT_MAX_SIZE`]. The folder need not exist. Touches nothing.
     pub fn new(root: impl Into<PathBuf>) -> Self {
         let root = root.into();
         Self {
             folder: OwnFolder::new(&root),
             root,
-            max_size: crate::DEFAULT_MAX_SIZE,
+            max_size: DEFAULT_MAX_SIZE,
             shared: None,
             read_only: false,
             hits: 0.into(),
@@ -130,36 +72,36 @@ impl Cache {
         }
     }
 
-    /// A cache that somebody else keeps below a size.
+    /// A cache without a limit: somebody else limits its size.
     pub(crate) fn unlimited(root: impl Into<PathBuf>, read_only: bool) -> Self {
         Self { max_size: u64::MAX, read_only, ..Self::new(root) }
     }
 
-    /// The same cache with another limit, in bytes: what was used longest ago goes when more is stored.
+    /// Sets the size limit in bytes. Above it, the least recently used files are removed.
     #[must_use]
     pub fn with_max_size(self, max_size: u64) -> Self {
         Self { max_size, ..self }
     }
 
-    pub(crate) fn with_shared(self, shared: Option<Shared>) -> Self {
-        Self { shared, ..self }
+    pub(crate) fn with_shared(self, shared: Shared) -> Self {
+        Self { shared: Some(shared), ..self }
     }
 
     pub(crate) fn shared(&self) -> Option<&Shared> {
         self.shared.as_ref()
     }
 
-    /// Its limit in bytes.
+    /// The size limit in bytes.
     pub fn max_size(&self) -> u64 {
         self.max_size
     }
 
-    /// The folder that it was given, which may hold other things too.
+    /// The folder that was given to [`Self::new`]. It may contain other files too.
     pub fn root(&self) -> &Path {
         &self.root
     }
 
-    /// The folder in [`Self::root`] that all its files are in.
+    /// The folder in [`Self::root`] that contains all files of the cache.
     pub fn folder(&self) -> &Path {
         self.folder.path()
     }
@@ -168,15 +110,15 @@ impl Cache {
         &self.folder
     }
 
-    /// Whether [`Self::folder`] is missing or the cache's own.
+    /// Checks that [`Self::folder`] is missing or belongs to the cache.
     ///
     /// # Errors
-    /// What is there instead, or why it cannot be told.
+    /// [`StorageError::Foreign`] if it belongs to somebody else; [`StorageError::Io`] if it cannot be read.
     pub fn check(&self) -> Result<(), StorageError> {
         self.folder.check()
     }
 
-    /// Counts since [`Self::new`].
+    /// The counts since [`Self::new`].
     pub fn stats(&self) -> Stats {
         Stats {
             hits: self.hits.load(Relaxed),
@@ -185,13 +127,13 @@ impl Cache {
         }
     }
 
-    /// Looks up a result, reading and checking all its objects.
+    /// Looks up a result. Reads and checks all its objects.
     pub fn get(&self, key: &Key) -> Lookup {
         self.get_objects(key, |_| true)
     }
 
-    /// Looks up a result, reading and checking only those of its objects whose names are `wanted`. The others must be
-    /// there with their full size.
+    /// Looks up a result. Reads and checks only the objects whose names are `wanted`. The other objects must be there
+    /// with their full sizes.
     pub fn get_objects(&self, key: &Key, wanted: impl Fn(&str) -> bool) -> Lookup {
         let (counter, lookup) = match self.read(key, wanted) {
             Ok(Some(entry)) => (&self.hits, Lookup::Hit(entry)),
@@ -205,7 +147,10 @@ impl Cache {
         lookup
     }
 
-    /// Stores a result: objects first, then the record that makes them count.
+    /// Stores a result: first its objects, then the record that lists them.
+    ///
+    /// # Errors
+    /// The first file that cannot be written. The result is then a miss.
     pub fn put(&self, key: &Key, entry: &Entry) -> Result<(), StorageError> {
         let mut objects = Vec::with_capacity(entry.objects.len());
         let mut grown = 0;
@@ -213,7 +158,7 @@ impl Cache {
             let hash = content_hash(bytes);
             let path = self.path("objects", hash.as_bytes());
             if self.read_file(&path).is_ok_and(|there| there.as_ref() == Some(bytes)) {
-                // A collection that is under way leaves what was used just now.
+                // A collection that runs at the same time keeps objects that were just used.
                 self.note_use(&path, Duration::ZERO);
             } else {
                 self.write(&path, bytes, Durability::PowerLoss)?;
@@ -222,7 +167,7 @@ impl Cache {
             objects.push(ObjectRecord { name: name.clone(), hash, size: bytes.len() as u64 });
         }
         let path = self.path("results", key.as_bytes());
-        let json = Record::new(key, &entry.made_by, objects).to_json();
+        let json = Record::new(key, objects).to_json();
         let json = json.map_err(|e| StorageError::Io { action: "write", path: path.clone(), source: e.into() })?;
         self.write(&path, &json, Durability::PowerLoss)?;
         self.has_grown(grown + json.len() as u64);
@@ -248,7 +193,7 @@ impl Cache {
             let Some(bytes) = self.read_object(&hash, size)? else { return Ok(None) };
             objects.push((name, bytes));
         }
-        Ok(Some(Entry { made_by: record.made_by, objects }))
+        Ok(Some(Entry { objects }))
     }
 
     fn read_object(&self, hash: &blake3::Hash, size: u64) -> Result<Option<Vec<u8>>, StorageError> {
@@ -263,6 +208,7 @@ impl Cache {
         Ok(Some(bytes))
     }
 
+    /// Moves a damaged file to quarantine, and returns the error that describes the damage.
     pub(crate) fn quarantine(&self, path: PathBuf, reason: &str) -> StorageError {
         let nth = self.quarantined.fetch_add(1, Relaxed);
         let name = path.file_name().unwrap_or_default().to_string_lossy();
@@ -273,13 +219,14 @@ impl Cache {
         StorageError::Damaged { path, reason: reason.to_owned(), moved }
     }
 
+    /// The path of a file that is named by a hash, in one of the folders of the cache.
     pub(crate) fn path(&self, folder: &str, hash: &[u8; 32]) -> PathBuf {
         let hex = blake3::Hash::from_bytes(*hash).to_hex();
         let (first, rest) = hex.split_at(2);
         self.folder().join(folder).join(first).join(rest)
     }
 
-    /// The content of a file of the cache; `None` if there is none, or if its folder is not the cache's own.
+    /// The content of a file of the cache. `None` if there is no such file, or if the folder belongs to somebody else.
     pub(crate) fn read_file(&self, path: &Path) -> Result<Option<Vec<u8>>, StorageError> {
         let is_there = self.owns(path);
         match is_there.and_then(|is_there| is_there.then(|| fs::read(path)).transpose()) {
@@ -293,8 +240,8 @@ impl Cache {
         self.folder.write(path, |path| replace(folder_of(path), path, bytes, durability))
     }
 
-    /// Sets the time by which files are evicted, if it is older than `after`. A file that cannot be written keeps its
-    /// own.
+    /// Records a use: sets the file's time to now if it is older than `after`. A file that cannot be written keeps its
+    /// time.
     pub(crate) fn note_use(&self, path: &Path, after: Duration) {
         let modified = fs::symlink_metadata(path).and_then(|data| data.modified());
         let recent = |time: SystemTime| time.elapsed().is_ok_and(|age| age < after);
@@ -303,12 +250,12 @@ impl Cache {
         }
     }
 
-    /// Whether there is a file of a size.
+    /// Tells whether a path is a file of the cache with this size.
     fn has(&self, path: &Path, size: u64) -> bool {
         self.owns(path).unwrap_or(false) && fs::symlink_metadata(path).is_ok_and(|there| there.len() == size)
     }
 
-    /// Whether a path names a file of the cache.
+    /// Tells whether a path is a file of the cache.
     pub(crate) fn owns(&self, path: &Path) -> io::Result<bool> {
         Ok(self.folder.is_ours()? && self.folder.has_file(path)?)
     }

@@ -1,26 +1,27 @@
-//! Reading all of a cache to find what is damaged.
+//! Verification: reads the whole cache to find damaged files.
 
 use rayon::prelude::*;
-use simpliguard::content_hash;
+use simpliguard_key::content_hash;
 
-use crate::inventory::{Inventory, StoredFile};
+use crate::error::StorageError;
+use crate::inventory::{Amount, Inventory, StoredFile};
 use crate::record::Record;
-use crate::stages::is_whole;
-use crate::{Amount, Cache, StorageError};
+use crate::stage_objects::is_whole;
+use crate::store::Cache;
 
-/// What [`Cache::verify`] has found.
+/// The outcome of [`Cache::verify`].
 #[derive(Debug, Default)]
 pub struct Verified {
-    /// Files that were read.
+    /// The files that were read.
     pub checked: Amount,
-    /// What is damaged and in quarantine now, or could not be read; in the order of the paths.
+    /// Damaged files, which are in quarantine now, and files that could not be read; sorted by path.
     pub errors: Vec<StorageError>,
-    /// Results whose objects are not all there; they count as misses and go with the next collection.
+    /// Number of results that have lost an object. They count as misses, and the next collection removes them.
     pub incomplete: u64,
 }
 
 impl Cache {
-    /// Reads and hashes everything, on the rayon pool of the caller, and moves what is damaged to quarantine.
+    /// Reads and hashes all files on the rayon pool of the caller. Moves damaged files to quarantine.
     pub fn verify(&self) -> Verified {
         let inventory = Inventory::of(self);
         let records: Vec<&StoredFile> = inventory.results.iter().map(|result| &result.file).collect();
@@ -33,7 +34,7 @@ impl Cache {
         errors.extend(self.check_files(&objects, is_object));
         errors.extend(self.check_files(&stages, is_stage));
         let checked = records.iter().chain(&objects).chain(&stages).copied().collect();
-        // What was moved away is missing from its results.
+        // Counted anew, because results have lost the objects that were just moved away.
         let incomplete = Inventory::of(self).results.iter().filter(|result| !result.is_complete).count() as u64;
         Verified { checked, errors, incomplete }
     }
@@ -44,7 +45,7 @@ impl Cache {
         check: impl Fn(&[u8], &StoredFile) -> Result<(), String> + Sync,
     ) -> Vec<StorageError> {
         let check = |file: &&StoredFile| match self.read_file(&file.path) {
-            // It went meanwhile.
+            // Somebody removed it meanwhile.
             Ok(None) => None,
             Ok(Some(bytes)) => check(&bytes, file).err().map(|reason| self.quarantine(file.path.clone(), &reason)),
             Err(error) => Some(error),

@@ -3,10 +3,10 @@
 use std::num::NonZeroUsize;
 use std::path::PathBuf;
 
-use clap::{Parser, Subcommand, ValueEnum};
+use clap::{Parser, Subcommand};
 use simpliguard::settings::{BakeOverrides, Layer, Origin, parse_cache_size, parse_overrides};
 
-use crate::UsageError;
+use crate::error::UsageError;
 use crate::source::shown;
 
 /// Textured, skinned levels of detail for glTF models.
@@ -22,18 +22,19 @@ pub(crate) enum Command {
     Bake(BakeArgs),
     Settings(SettingsArgs),
     Cache(CacheArgs),
+    Inspect(InspectArgs),
 }
 
 /// Bake levels of detail into models.
 ///
-/// Every model becomes one binary glTF that holds the source and, behind it, its levels. Exit code 0: all baked; 1: some
-/// failed, the others are written; 2: wrong usage, nothing was baked; 130: interrupted.
+/// Every model becomes one binary glTF that holds the source and, behind it, its levels. Exit code 0: all baked; 1:
+/// some failed, the others are written; 2: wrong usage, nothing was baked; 130: interrupted.
 #[derive(clap::Args, Debug)]
 pub(crate) struct BakeArgs {
-    /// .glb and .gltf files, or folders that are searched for both (hidden folders and the output folder are not).
+    /// .glb and .gltf files, or folders. Folders are searched for both, except hidden folders and the output folder.
     #[arg(required = true, value_name = "INPUT")]
     pub(crate) inputs: Vec<PathBuf>,
-    /// Where the results go; paths below a searched folder are kept.
+    /// Folder of the results. Paths below a searched folder are kept.
     #[arg(long, short, value_name = "DIR", default_value = "lods")]
     pub(crate) output: PathBuf,
     /// Also write each level as a file of its own, `<stem>_<budget>.glb`.
@@ -41,20 +42,17 @@ pub(crate) struct BakeArgs {
     pub(crate) split_levels: bool,
     #[command(flatten)]
     pub(crate) settings: SettingsSources,
-    /// What computes.
-    #[arg(long, value_enum, default_value_t = Backend::Auto)]
-    pub(crate) backend: Backend,
     /// Number of threads; all cores if not given. The results are the same for any number.
     #[arg(long, value_name = "N")]
     pub(crate) threads: Option<NonZeroUsize>,
     /// The cache's folder; else $SIMPLIGUARD_CACHE_DIR, else `cache.dir` of the project, else the user's cache folder.
     #[arg(long, value_name = "DIR", conflicts_with = "no_cache")]
     pub(crate) cache_dir: Option<PathBuf>,
-    /// A folder or an address such as `s3://bucket/folder` that results of other machines come from and ours go to; else
+    /// A folder or an address such as `s3://bucket/folder` where machines share results; else
     /// $SIMPLIGUARD_SHARED_CACHE, else `cache.shared` of the project.
     #[arg(long, value_name = "URL", conflicts_with = "no_cache")]
     pub(crate) shared_cache: Option<String>,
-    /// Neither look results up nor store them.
+    /// Bake without a cache.
     #[arg(long)]
     pub(crate) no_cache: bool,
     /// Also write a contact sheet, `<stem>_sheet.png`: the source beside its levels.
@@ -68,7 +66,7 @@ pub(crate) struct BakeArgs {
     pub(crate) json: bool,
 }
 
-/// Look after the cache.
+/// Inspect and clean the cache.
 ///
 /// Exit code 0: done; 1: something is damaged or could not be done; 2: wrong usage.
 #[derive(clap::Args, Debug)]
@@ -78,7 +76,7 @@ pub(crate) struct CacheArgs {
     /// The cache's folder; else $SIMPLIGUARD_CACHE_DIR, else `cache.dir` of the project, else the user's cache folder.
     #[arg(long, value_name = "DIR", global = true)]
     pub(crate) cache_dir: Option<PathBuf>,
-    /// The project whose cache is meant; else the nearest one above the current folder.
+    /// The project with the cache; else the nearest project above the current folder.
     #[arg(long, value_name = "DIR", global = true)]
     pub(crate) project: Option<PathBuf>,
     /// Print one JSON document to stdout.
@@ -88,21 +86,21 @@ pub(crate) struct CacheArgs {
 
 #[derive(Subcommand, Clone, Copy, Debug)]
 pub(crate) enum CacheCommand {
-    /// Print what is in it.
+    /// Print the content of the cache.
     Stats,
-    /// Remove what nobody can use, and what was used longest ago if it is too large.
+    /// Remove files that nobody can use; if the cache is too large, also the least recently used files.
     Gc {
-        /// What it may take up, such as `5GiB`; else `cache.max_size` of the project, else 10 GiB.
+        /// Largest size of the cache, such as `5GiB`; else `cache.max_size` of the project, else 10 GiB.
         #[arg(long, value_name = "SIZE", value_parser = parse_cache_size)]
         max_size: Option<u64>,
     },
-    /// Read and hash everything, and move what is damaged to quarantine.
+    /// Read and hash all files, and move damaged files to quarantine.
     Verify,
-    /// Remove everything in it.
+    /// Remove all files of the cache.
     Clear,
 }
 
-/// Print the settings reference, or what applies to a model.
+/// Print the settings reference, or the settings of a model.
 ///
 /// Without a subcommand: every field as RON, with its documentation, range and built-in value.
 #[derive(clap::Args, Debug)]
@@ -113,19 +111,30 @@ pub(crate) struct SettingsArgs {
 
 #[derive(Subcommand, Debug)]
 pub(crate) enum SettingsCommand {
-    /// Print the settings a model is baked with, and where each value comes from.
+    /// Print the settings that a model is baked with, and the origin of each value.
     Show {
-        /// The model; it is not read, and need not exist.
+        /// The model. It is not read, and need not exist.
         asset: PathBuf,
         #[command(flatten)]
         settings: SettingsSources,
     },
 }
 
-/// Where settings come from; later ones win: project defaults, matching rules, profile, `.meta`, settings file, flags.
+/// Print how this version bakes.
+#[derive(clap::Args, Debug)]
+pub(crate) struct InspectArgs {
+    /// Print the stages of the pipeline in their order: version, weight in the progress, and purpose.
+    #[arg(long, required = true)]
+    pub(crate) pipeline: bool,
+    /// Print one JSON document to stdout.
+    #[arg(long)]
+    pub(crate) json: bool,
+}
+
+/// Origins of settings. Later ones win: project defaults, matching rules, profile, `.meta`, settings file, flags.
 #[derive(clap::Args, Debug)]
 pub(crate) struct SettingsSources {
-    /// The project, whose `config/simpliguard.ron` applies; else the nearest folder above the input that has one.
+    /// The project, whose `config/simpliguard.ron` applies; else the nearest folder above the input with such a file.
     #[arg(long, value_name = "DIR")]
     pub(crate) project: Option<PathBuf>,
     /// A profile of the project.
@@ -137,16 +146,16 @@ pub(crate) struct SettingsSources {
     /// One setting, such as `texture_size=2048`; may be given several times.
     #[arg(long, value_name = "FIELD=VALUE")]
     pub(crate) set: Vec<String>,
-    /// Most triangles of each level.
+    /// Largest number of triangles of each level.
     #[arg(long, value_name = "N,N,..")]
     pub(crate) faces: Option<String>,
-    /// How much time is spent.
+    /// Quality preset: time that a bake may take.
     #[arg(long, value_parser = ["draft", "standard", "best"])]
     pub(crate) quality: Option<String>,
 }
 
 impl SettingsSources {
-    /// The layers on top of a model's own settings: settings file, then flags.
+    /// The layers above a model's own settings: the settings file, then the flags.
     pub(crate) fn layers(&self) -> Result<Vec<Layer>, UsageError> {
         let mut layers = Vec::new();
         if let Some(path) = &self.settings {
@@ -172,27 +181,5 @@ impl SettingsSources {
             }
         }
         Ok(flags)
-    }
-}
-
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub(crate) enum Backend {
-    /// The fastest there is.
-    Auto,
-    /// All cores.
-    Cpu,
-    /// The graphics card.
-    Gpu,
-}
-
-impl Backend {
-    /// `Err` if this build cannot compute that way.
-    pub(crate) fn check(self) -> Result<(), UsageError> {
-        match self {
-            Self::Auto | Self::Cpu => Ok(()),
-            Self::Gpu => {
-                Err(UsageError("--backend gpu: this version computes on the CPU only; use auto or cpu".into()))
-            }
-        }
     }
 }

@@ -1,9 +1,10 @@
-//! `simpliguard bake`: one model after another, each on all threads.
+//! `simpliguard bake`: bakes one model after another, each on all threads.
 
 use std::cell::RefCell;
 use std::collections::BTreeSet;
 use std::fs;
 use std::io::{self, Cursor};
+use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
@@ -12,25 +13,20 @@ use rayon::{ThreadPool, ThreadPoolBuilder};
 use simpliguard::data::{Level, Model};
 use simpliguard::gltf::{ImportLimits, import};
 use simpliguard::settings::BakeSettings;
-use simpliguard::{Cancellation, Context, Error, NoResources, Source, StageId, StageStore};
-use simpliguard_cache::{
-    BakeResult, Cache, Draw, Durability, Explicit, Key, Lookup, Notice, Once, OutsideProject, bake_key, can_write_in,
-    write_atomic,
-};
+use simpliguard::{Context, Error, NoResources, Source, StageId};
+use simpliguard_bake::{BakeResult, CachePlace, CachedBake, Host, Notice, Outcome, OutsideProject, Parts};
+use simpliguard_cache::{Cache, Durability, can_write_in, write_atomic};
 use simpliguard_eval::{TurntableError, contact_sheet, turntable};
 
-use crate::UsageError;
 use crate::args::BakeArgs;
 use crate::console::{self, AssetProgress};
+use crate::error::UsageError;
 use crate::interrupt::Interrupt;
 use crate::plan::{Job, plan};
 use crate::source::SourceFile;
-use crate::summary::{self, Outcome, Written};
+use crate::summary::{self, JobReport, Written};
 
-/// What computes a result; part of its record, not of its key.
-const MADE_BY: &str = "cpu";
-
-/// Bakes everything; whether all went well.
+/// Bakes all models. Returns whether all succeeded.
 pub(crate) fn run(args: &BakeArgs) -> Result<bool, UsageError> {
     let result = bake_all(args);
     if let (Err(error), true) = (&result, args.json) {
@@ -40,128 +36,96 @@ pub(crate) fn run(args: &BakeArgs) -> Result<bool, UsageError> {
 }
 
 fn bake_all(args: &BakeArgs) -> Result<bool, UsageError> {
-    args.backend.check()?;
     let jobs = plan(args)?;
     let runner = Runner::new(args)?;
     let bake = |(number, job)| runner.bake(job, AssetProgress::new(number + 1, jobs.len(), &job.name));
-    let outcomes: Vec<Outcome> = jobs.iter().enumerate().map(bake).collect();
-    summary::print(&outcomes, args.json)?;
-    Ok(outcomes.iter().all(Outcome::succeeded))
+    let reports: Vec<JobReport> = jobs.iter().enumerate().map(bake).collect();
+    summary::print(&reports, args.json)?;
+    Ok(reports.iter().all(JobReport::succeeded))
 }
 
-/// What all bakes of one run share.
+/// The state that all bakes of one run share.
 struct Runner<'a> {
     args: &'a BakeArgs,
     interrupt: Interrupt,
     /// `None` for the global pool with all cores.
     pool: Option<ThreadPool>,
-    /// Folders that were told of: a project has many models, but one cache.
+    /// Folders outside of their projects that a warning was printed for. A project has many models, but one cache.
     outside: RefCell<BTreeSet<PathBuf>>,
+}
+
+/// The command around the bake of one model.
+struct JobHost<'a> {
+    runner: &'a Runner<'a>,
+    job: &'a Job,
+    progress: &'a AssetProgress,
+}
+
+impl Host for JobHost<'_> {
+    /// Checks the output folder, because a bake takes too long to find out afterwards.
+    fn begin(&self) -> Result<(), Error> {
+        self.runner.can_write(self.job)
+    }
+
+    fn compute<T: Send>(&self, work: impl FnOnce() -> T + Send) -> T {
+        self.runner.in_pool(work)
+    }
+
+    fn store(&self, work: impl FnOnce()) {
+        let _hold = self.runner.interrupt.hold();
+        work();
+    }
+
+    fn notify(&self, notice: Notice) {
+        if notice.is_warning() {
+            console::warning(&notice.to_string());
+        } else {
+            self.progress.note(&notice.to_string());
+        }
+    }
 }
 
 impl<'a> Runner<'a> {
     fn new(args: &'a BakeArgs) -> Result<Self, UsageError> {
-        let build = |n: std::num::NonZeroUsize| ThreadPoolBuilder::new().num_threads(n.get()).build();
+        let build = |n: NonZeroUsize| ThreadPoolBuilder::new().num_threads(n.get()).build();
         let pool = args.threads.map(build).transpose();
         let pool = pool.map_err(|e| UsageError(format!("--threads: cannot start the threads: {e}")))?;
         Ok(Self { args, interrupt: Interrupt::install(), pool, outside: RefCell::default() })
     }
 
-    fn bake(&self, job: &Job, progress: AssetProgress) -> Outcome {
+    fn bake(&self, job: &Job, progress: AssetProgress) -> JobReport {
         let start = Instant::now();
         let result = job.settings.as_ref().map_err(ToString::to_string).and_then(|settings| {
-            let (result, cached) = self.result(job, settings, &progress).map_err(|e| e.to_string())?;
-            let written = self.write(job, &result).map_err(|e| e.to_string())?;
-            Ok((result.report, cached, written))
+            let outcome = self.find_or_bake(job, settings, &progress).map_err(|e| e.to_string())?;
+            let written = self.write(job, &outcome.result).map_err(|e| e.to_string())?;
+            Ok((outcome, written))
         });
-        let outcome = match result {
-            Ok((report, cached, written)) => Outcome::done(job, report, cached, written, start.elapsed()),
-            Err(error) => Outcome::failed(job, error, start.elapsed()),
+        let report = match result {
+            Ok((outcome, written)) => JobReport::done(job, outcome, written, start.elapsed()),
+            Err(error) => JobReport::failed(job, error, start.elapsed()),
         };
-        progress.finish(&outcome.line());
-        outcome
+        progress.finish(&report.line());
+        report
     }
 
-    /// From the cache, or baked; and which of the two.
-    fn result(
-        &self,
-        job: &Job,
-        settings: &BakeSettings,
-        progress: &AssetProgress,
-    ) -> Result<(BakeResult, bool), Error> {
+    fn find_or_bake(&self, job: &Job, settings: &BakeSettings, progress: &AssetProgress) -> Result<Outcome, Error> {
         let file = SourceFile::read(&job.input, &job.name)?;
-        let source = file.source();
-        let key = bake_key(&source, settings)?;
         let cache = self.cache(job);
-        let bake = || {
-            // A bake is too long to find out afterwards.
-            self.can_write(job)?;
-            self.compute(&source, settings, cache.as_ref(), progress)
-        };
-        let Some(cache) = &cache else { return Ok((bake()?, false)) };
-        let once = cache.once(
-            &key,
-            &Cancellation::default(),
-            |notice: Notice| match notice {
-                Notice::Waits => progress.note(&notice.to_string()),
-                Notice::Shared(error) => console::warning(&error.to_string()),
-            },
-            || self.look_up(cache, &key).filter(|result| self.suffices(result)),
-            || bake().inspect(|result| self.store(cache, &key, result)),
-        )?;
-        match once {
-            Once::Found(result) => Ok((result, true)),
-            Once::Made(result) => Ok((result, false)),
-            Once::Cancelled => Err(Error::Cancelled { asset: job.name.clone() }),
-        }
+        let draw = |model: &Model, levels: &[Level]| png(&model.name, &contact_sheet(model, levels));
+        let parts = if self.args.sheet { Parts::Sheet(&draw) } else { Parts::Levels };
+        let bake = CachedBake::new(file.source(), settings, parts, cache.as_ref())?;
+        let context = Context { progress: Some(progress), ..Context::default() };
+        bake.run(&context, &JobHost { runner: self, job, progress })
     }
 
     fn cache(&self, job: &Job) -> Option<Cache> {
-        let explicit = Explicit { dir: self.args.cache_dir.as_deref(), shared: self.args.shared_cache.as_deref() };
-        let tell = |outside: OutsideProject| {
+        let explicit = CachePlace { dir: self.args.cache_dir.as_deref(), shared: self.args.shared_cache.as_deref() };
+        let warn = |outside: OutsideProject| {
             if self.outside.borrow_mut().insert(outside.folder.clone()) {
                 console::warning(&outside.to_string());
             }
         };
-        if self.args.no_cache { None } else { job.cache.open(explicit, tell) }
-    }
-
-    fn look_up(&self, cache: &Cache, key: &Key) -> Option<BakeResult> {
-        match cache.get(key) {
-            Lookup::Hit(entry) => BakeResult::from_entry(entry),
-            Lookup::Miss => None,
-            Lookup::Damaged(error) => {
-                console::warning(&error.to_string());
-                None
-            }
-        }
-    }
-
-    /// A sheet needs the levels as they were in memory, so a result that was made without one is baked again.
-    fn suffices(&self, result: &BakeResult) -> bool {
-        !self.args.sheet || result.sheet.is_some() || result.levels.is_empty()
-    }
-
-    fn store(&self, cache: &Cache, key: &Key, result: &BakeResult) {
-        let _hold = self.interrupt.hold();
-        let stored = result.to_entry(MADE_BY).map_err(|e| e.to_string());
-        if let Err(e) = stored.and_then(|entry| cache.put(key, &entry).map_err(|e| e.to_string())) {
-            console::warning(&format!("the result is not kept: {e}"));
-        }
-    }
-
-    fn compute(
-        &self,
-        source: &Source<'_>,
-        settings: &BakeSettings,
-        cache: Option<&Cache>,
-        progress: &AssetProgress,
-    ) -> Result<BakeResult, Error> {
-        let stages = cache.map(|cache| cache as &dyn StageStore);
-        let context = Context { progress: Some(progress), stages, ..Context::default() };
-        let draw = |model: &Model, levels: &[Level]| png(&model.name, &contact_sheet(model, levels));
-        let sheet: Option<Draw<'_>> = if self.args.sheet { Some(&draw) } else { None };
-        self.in_pool(|| BakeResult::compute(source, settings, &context, sheet))
+        if self.args.no_cache { None } else { job.cache.open(explicit, warn) }
     }
 
     fn in_pool<T: Send>(&self, work: impl FnOnce() -> T + Send) -> T {
@@ -197,7 +161,7 @@ impl<'a> Runner<'a> {
     }
 
     fn write_file(&self, job: &Job, path: &Path, bytes: &[u8]) -> Result<(), Error> {
-        // Whoever watches the file is not woken for nothing.
+        // An unchanged file is not written, so that programs that watch it see no change.
         if fs::read(path).is_ok_and(|there| there == bytes) {
             return Ok(());
         }
@@ -205,7 +169,7 @@ impl<'a> Runner<'a> {
         write_atomic(path, bytes, Durability::Process).map_err(|e| unwritable(job, path, &e))
     }
 
-    /// Whether files can be made in the nearest folder that exists above the result. Leaves nothing behind.
+    /// Checks that files can be created in the nearest existing folder above the result. Leaves nothing behind.
     fn can_write(&self, job: &Job) -> Result<(), Error> {
         let path = job.combined_path();
         let there = path.ancestors().skip(1).find(|folder| folder.exists());
@@ -215,7 +179,7 @@ impl<'a> Runner<'a> {
     }
 }
 
-/// Drawn from the files of the levels, so that a result from the cache will do.
+/// Draws a turntable from the files of the levels, so that a result from the cache suffices.
 fn draw_turntable(job: &Job, levels: &[(u32, Vec<u8>)]) -> Result<Vec<u8>, Error> {
     let file = SourceFile::read(&job.input, &job.name)?;
     let model = import(&file.source(), &ImportLimits::default())?;

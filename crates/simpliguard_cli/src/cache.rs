@@ -1,15 +1,17 @@
-//! `simpliguard cache`: what is in the cache, and what is to go.
+//! `simpliguard cache`: the content of the cache, and its removal.
 
 use bytesize::ByteSize;
 use serde::Serialize;
-use simpliguard_cache::{Amount, Cache, Collected, Explicit, Usage};
+use simpliguard_bake::CachePlace;
+use simpliguard_cache::{Amount, Cache, Collected, Usage};
 
 use crate::args::{CacheArgs, CacheCommand};
+use crate::console;
+use crate::error::UsageError;
+use crate::output::{json_text, write_stdout};
 use crate::project::ProjectCache;
-use crate::summary::{json_text, write_stdout};
-use crate::{UsageError, console};
 
-/// Version of the JSON document; raised when a field changes its meaning or goes away.
+/// Version of the JSON document. It is raised when a field changes its meaning or is removed.
 const DOCUMENT_VERSION: u32 = 1;
 
 #[derive(Serialize)]
@@ -22,7 +24,7 @@ struct Document<'a> {
     outcome: &'a Outcome,
 }
 
-/// What a command has found or done.
+/// The outcome of a command.
 #[derive(Serialize)]
 #[serde(rename_all = "snake_case")]
 enum Outcome {
@@ -33,13 +35,13 @@ enum Outcome {
     Failed(String),
 }
 
-/// Carries the command out; whether all is well.
+/// Carries the command out. Returns whether all is well.
 pub(crate) fn run(args: &CacheArgs) -> Result<bool, UsageError> {
     let project = ProjectCache::of(args.project.as_deref())?;
-    let explicit = Explicit { dir: args.cache_dir.as_deref(), shared: None };
+    let explicit = CachePlace { dir: args.cache_dir.as_deref(), shared: None };
     let cache = project.open(explicit, |outside| console::warning(&outside.to_string()));
     let cache = cache.ok_or_else(|| UsageError("there is no user's cache folder; give --cache-dir".into()))?;
-    // Commands that change something fail by themselves.
+    // The other commands report a foreign folder as an error.
     if let (CacheCommand::Stats | CacheCommand::Verify, Err(error)) = (args.command, cache.check()) {
         console::warning(&error.to_string());
     }

@@ -1,4 +1,4 @@
-//! What the user sees while it runs. Everything here goes to stderr.
+//! Messages and progress for the user. All of them go to stderr.
 
 use std::io::{self, IsTerminal, Write};
 use std::sync::{Mutex, PoisonError};
@@ -7,10 +7,10 @@ use std::time::Duration;
 use indicatif::{ProgressBar, ProgressStyle};
 use simpliguard::{Progress, ProgressSink, StageId};
 
-/// Steps of a full bar.
+/// Number of steps of a full bar.
 const BAR_STEPS: u64 = 1000;
 
-/// One line. A closed stderr is no reason to stop.
+/// Prints a line. A closed stderr is no reason to stop.
 pub(crate) fn line(text: &str) {
     let _ = writeln!(io::stderr(), "{text}");
 }
@@ -23,11 +23,11 @@ pub(crate) fn warning(text: &str) {
     line(&format!("warning: {text}"));
 }
 
-/// The progress of one model: a bar on a terminal, else a line for each stage.
+/// Progress of one model: a bar on a terminal, otherwise a line for each stage.
 pub(crate) struct AssetProgress {
     label: String,
     bar: Option<ProgressBar>,
-    /// The furthest stage a line was written for.
+    /// The last stage with a line.
     announced: Mutex<Option<StageId>>,
 }
 
@@ -43,7 +43,7 @@ impl AssetProgress {
         Self { label, bar, announced: Mutex::new(None) }
     }
 
-    /// Says something while it runs.
+    /// Shows a note while the bake runs.
     pub(crate) fn note(&self, text: &str) {
         match &self.bar {
             Some(bar) => bar.set_message(text.to_owned()),
@@ -51,7 +51,7 @@ impl AssetProgress {
         }
     }
 
-    /// Ends the bar and says how it went.
+    /// Removes the bar and prints the outcome.
     pub(crate) fn finish(self, outcome: &str) {
         if let Some(bar) = &self.bar {
             bar.finish_and_clear();
@@ -68,7 +68,7 @@ impl ProgressSink for AssetProgress {
             return;
         }
         let mut announced = self.announced.lock().unwrap_or_else(PoisonError::into_inner);
-        // Levels run side by side, so stages may come back; only the first of each counts.
+        // Levels run in parallel, so a stage may be reported again. Each gets one line.
         if announced.is_none_or(|last| stage > last) {
             *announced = Some(stage);
             line(&format!("{}: {stage} ({:.0} %)", self.label, fraction * 100.0));

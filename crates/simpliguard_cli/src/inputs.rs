@@ -1,22 +1,24 @@
-//! From the paths on the command line to models.
+//! Inputs: the models that the paths on the command line stand for.
 
 use std::path::{Path, PathBuf};
 
 use walkdir::{DirEntry, WalkDir};
 
+use crate::console;
+use crate::error::UsageError;
 use crate::source::is_gltf;
-use crate::{UsageError, console};
 
-/// A model, and where its result goes.
+/// A model, and the place of its result.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Input {
-    /// As given, or below a folder as given.
+    /// The path as given, or below a folder as given.
     pub(crate) path: PathBuf,
     /// Path of the result, below the output folder, without extension.
     pub(crate) below: PathBuf,
 }
 
-/// Files as given, folders replaced by the models below them in path order. Files need not exist.
+/// The models of a command line: files as given, and all models below each folder in the order of their paths. Files
+/// need not exist.
 pub(crate) fn find(inputs: &[PathBuf], output: &Path) -> Result<Vec<Input>, UsageError> {
     let mut found = Vec::new();
     for input in inputs {
@@ -37,6 +39,7 @@ pub(crate) fn find(inputs: &[PathBuf], output: &Path) -> Result<Vec<Input>, Usag
     Ok(found)
 }
 
+/// All models below a folder, in the order of their paths.
 fn search(folder: &Path, output: &Path) -> Vec<Input> {
     let output = output.canonicalize().ok();
     let wanted = |entry: &DirEntry| {

@@ -1,4 +1,4 @@
-//! Ctrl-C: the command ends at once, but never in the middle of writing a file.
+//! Ctrl-C: the command ends at once, but not in the middle of writing a file.
 
 use std::process;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, TryLockError};
@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 use crate::console;
 
 const EXIT_CODE: i32 = 130;
-/// The longest an interrupt waits for a write.
+/// Longest time that an interrupt waits for a write.
 const PATIENCE: Duration = Duration::from_millis(800);
 
 /// Guards writes against interrupts.
@@ -15,7 +15,7 @@ const PATIENCE: Duration = Duration::from_millis(800);
 pub(crate) struct Interrupt(Arc<Mutex<()>>);
 
 impl Interrupt {
-    /// Takes over Ctrl-C and the signals that ask a process to end.
+    /// Handles Ctrl-C and the signals that ask a process to end.
     pub(crate) fn install() -> Self {
         let interrupt = Self::default();
         let handler = interrupt.clone();
@@ -25,14 +25,14 @@ impl Interrupt {
         interrupt
     }
 
-    /// While the guard lives, an interrupt waits.
+    /// Lets an interrupt wait until the guard is dropped.
     pub(crate) fn hold(&self) -> MutexGuard<'_, ()> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     fn exit(&self) {
         let start = Instant::now();
-        // Held until the process is gone, so that no new write begins.
+        // Held until the process has ended, so that no new write begins.
         let _guard = loop {
             match self.0.try_lock() {
                 Ok(guard) => break Some(guard),

@@ -1,4 +1,4 @@
-//! What is to be baked and written, checked before anything is.
+//! The plan: all models to bake and all files to write, checked before the first bake.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
@@ -6,8 +6,8 @@ use std::path::{Path, PathBuf};
 use simpliguard::Error;
 use simpliguard::settings::BakeSettings;
 
-use crate::UsageError;
 use crate::args::BakeArgs;
+use crate::error::UsageError;
 use crate::inputs::{self, Input};
 use crate::project::{ProjectCache, SettingsLookup};
 use crate::source::is_gltf;
@@ -15,25 +15,25 @@ use crate::source::is_gltf;
 /// One model to bake.
 #[derive(Debug)]
 pub(crate) struct Job {
-    /// The model.
+    /// The file of the model.
     pub(crate) input: PathBuf,
-    /// The model in messages.
+    /// The name of the model in messages.
     pub(crate) name: String,
-    /// Its settings; `Err` fails this model alone.
+    /// Its settings. `Err` fails this model alone.
     pub(crate) settings: Result<BakeSettings, Error>,
     /// The cache as the model's project configures it.
     pub(crate) cache: ProjectCache,
-    /// Where the result goes, without extension.
+    /// The path of the result without extension.
     stem: PathBuf,
 }
 
 impl Job {
-    /// Source and levels in one file.
+    /// The file with the source and all levels.
     pub(crate) fn combined_path(&self) -> PathBuf {
         self.with_suffix(".glb")
     }
 
-    /// One level alone.
+    /// The file of one level alone.
     pub(crate) fn level_path(&self, budget: u32) -> PathBuf {
         self.with_suffix(&format!("_{budget}.glb"))
     }
@@ -57,7 +57,7 @@ impl Job {
     /// Every file the job may write.
     fn outputs(&self, args: &BakeArgs) -> Vec<PathBuf> {
         let mut outputs = vec![self.combined_path()];
-        // Other targets have budgets only once the model is read.
+        // The budgets of other targets are known only when the model is read.
         if let (true, Ok(settings)) = (args.split_levels, &self.settings)
             && settings.targets.is_empty()
         {
@@ -73,8 +73,10 @@ impl Job {
     }
 }
 
-/// The jobs of a command line, in the order of its inputs. `Err` if two would write one file, or one would overwrite an
-/// input.
+/// The jobs of a command line, in the order of its inputs.
+///
+/// # Errors
+/// If two jobs would write the same file, or one would overwrite an input.
 pub(crate) fn plan(args: &BakeArgs) -> Result<Vec<Job>, UsageError> {
     let mut lookup = SettingsLookup::new(&args.settings)?;
     let mut jobs = Vec::new();
@@ -92,7 +94,7 @@ pub(crate) fn plan(args: &BakeArgs) -> Result<Vec<Job>, UsageError> {
     Ok(jobs)
 }
 
-/// A model that is named twice, itself and through its folder, is baked once.
+/// Removes repetitions: a model may be given itself and through its folder.
 fn without_repetition(inputs: Vec<Input>) -> Vec<Input> {
     let mut seen = BTreeSet::new();
     let identity = |input: &Input| (same_file(&input.path), input.below.clone());
@@ -102,7 +104,7 @@ fn without_repetition(inputs: Vec<Input>) -> Vec<Input> {
 fn check_outputs(jobs: &[Job], args: &BakeArgs) -> Result<(), UsageError> {
     let inputs: BTreeMap<PathBuf, &Job> = jobs.iter().map(|job| (same_file(&job.input), job)).collect();
     let mut writers: BTreeMap<PathBuf, &Job> = BTreeMap::new();
-    // What is no model fails by itself and writes nothing.
+    // A file that is no model fails on its own and writes nothing.
     for job in jobs.iter().filter(|job| is_gltf(&job.input)) {
         for output in job.outputs(args) {
             if let Some(input) = inputs.get(&same_file(&output)) {
@@ -120,7 +122,7 @@ fn check_outputs(jobs: &[Job], args: &BakeArgs) -> Result<(), UsageError> {
     Ok(())
 }
 
-/// Equal for paths that name one file, existing or not.
+/// A path that is equal for all paths of one file. The file need not exist.
 fn same_file(path: &Path) -> PathBuf {
     let absolute = path.canonicalize().or_else(|_| std::path::absolute(path)).unwrap_or_else(|_| path.to_owned());
     if cfg!(any(windows, target_os = "macos")) { absolute.to_string_lossy().to_lowercase().into() } else { absolute }

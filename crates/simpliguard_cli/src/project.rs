@@ -1,4 +1,4 @@
-//! Which settings apply to a model: its project's file, its `.meta`, the command line.
+//! The settings of a model: from its project's file, its `.meta` and the command line.
 
 use std::collections::BTreeMap;
 use std::ffi::OsString;
@@ -8,13 +8,14 @@ use std::path::{Path, PathBuf};
 
 use simpliguard::Error;
 use simpliguard::settings::{CacheSettings, Layer, Origin, ProjectFile, Resolved, parse_meta, resolve};
-use simpliguard_cache::{Cache, Explicit, OutsideProject};
+use simpliguard_bake::{CachePlace, OutsideProject, open_cache};
+use simpliguard_cache::Cache;
 
-use crate::UsageError;
 use crate::args::SettingsSources;
+use crate::error::UsageError;
 use crate::source::{shown, slashed};
 
-/// A project's folder and file.
+/// The folder and the file of a project.
 #[derive(Debug, Default)]
 struct Project {
     /// Absolute; `None` for models outside of any project.
@@ -22,18 +23,18 @@ struct Project {
     file: ProjectFile,
 }
 
-/// Settings of models, each project's file read once.
+/// Looks up the settings of models. Reads the file of each project once.
 pub(crate) struct SettingsLookup {
-    /// For all models, if given on the command line.
+    /// The project of all models, if the command line gives one.
     fixed: Option<PathBuf>,
     profile: Option<String>,
     top: Vec<Layer>,
     projects: BTreeMap<Option<PathBuf>, Project>,
 }
 
-/// What applies to one model.
+/// The settings of one model.
 pub(crate) struct ModelSettings {
-    /// `Err` if the model's own `.meta` cannot be used.
+    /// `Err` if the `.meta` of the model cannot be used.
     pub(crate) resolved: Result<Resolved, Error>,
     /// The cache as its project configures it.
     pub(crate) cache: ProjectCache,
@@ -48,16 +49,16 @@ pub(crate) struct ProjectCache {
 }
 
 impl ProjectCache {
-    /// Of the project in `folder`, or else of the one around the current folder.
+    /// The cache of the project in `folder`, or else of the project around the current folder.
     pub(crate) fn of(folder: Option<&Path>) -> Result<Self, UsageError> {
         let here = || nearest_project(&std::env::current_dir().ok()?.join("here"));
         Ok(Project::read(folder.map(existing_folder).transpose()?.or_else(here))?.cache())
     }
 
-    /// The cache, unless there is no place for one. `explicit` is what the command line says; `tell` is called if the
+    /// Opens the cache, if there is a place for one. `explicit` is from the command line. `notify` is called if the
     /// project's file names a folder that is not used.
-    pub(crate) fn open(&self, explicit: Explicit<'_>, tell: impl FnOnce(OutsideProject)) -> Option<Cache> {
-        Cache::of_project(explicit, &self.settings, &self.base, tell)
+    pub(crate) fn open(&self, explicit: CachePlace<'_>, notify: impl FnOnce(OutsideProject)) -> Option<Cache> {
+        open_cache(explicit, &self.settings, &self.base, notify)
     }
 }
 
@@ -104,8 +105,8 @@ impl Project {
         Ok(Self { folder: Some(folder), file })
     }
 
-    /// What rules match against: the path below `assets/`, as the game names it; else below the project's folder; else
-    /// the file's name.
+    /// The path that rules match: the one below `assets/`, as in a game; else the one below the project's folder; else
+    /// the name of the file.
     fn path_of(&self, model: &Path) -> String {
         let below = self
             .folder
@@ -130,7 +131,7 @@ fn nearest_project(model: &Path) -> Option<PathBuf> {
     model.ancestors().skip(1).find(|folder| folder.join(ProjectFile::PATH).is_file()).map(Path::to_owned)
 }
 
-/// The layer of `<file>.meta`, if there is one and it is meant for us.
+/// The layer of `<file>.meta`, if the file exists and is for this program.
 fn read_meta(model: &Path) -> Result<Option<Layer>, Error> {
     let mut path = OsString::from(model);
     path.push(".meta");

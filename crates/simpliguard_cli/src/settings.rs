@@ -1,11 +1,10 @@
-//! `simpliguard settings`: the reference, and what applies to a model. Both print RON that can be used as it is.
-
-use std::io::{self, Write};
+//! `simpliguard settings`: the reference, and the settings of a model. Both print RON that can be read back.
 
 use simpliguard::settings::{Resolved, reference};
 
-use crate::UsageError;
 use crate::args::{SettingsArgs, SettingsCommand};
+use crate::error::UsageError;
+use crate::output::write_stdout;
 use crate::project::SettingsLookup;
 
 pub(crate) fn run(args: &SettingsArgs) -> Result<(), UsageError> {
@@ -15,10 +14,7 @@ pub(crate) fn run(args: &SettingsArgs) -> Result<(), UsageError> {
             effective_text(&SettingsLookup::new(settings)?.of(asset)?.resolved?)
         }
     };
-    match io::stdout().write_all(text.as_bytes()) {
-        Err(e) if e.kind() != io::ErrorKind::BrokenPipe => Err(UsageError(format!("cannot write to stdout: {e}"))),
-        _ => Ok(()),
-    }
+    write_stdout(&text)
 }
 
 fn reference_text() -> String {

@@ -9,10 +9,10 @@ use std::sync::{Mutex, PoisonError};
 use bytes::Bytes;
 use simpliguard::{Error, RelativeUri, Resources, Source, StageId};
 
-/// Larger files are not read; the lengths in a binary glTF end here, too.
+/// Largest size in bytes of a file that is read. It is also the largest length in a binary glTF.
 const MAX_FILE_BYTES: u64 = u32::MAX as u64;
 
-/// A model file in memory, with the files around it as they are asked for.
+/// A model file in memory. The files beside it are read when they are asked for.
 pub(crate) struct SourceFile {
     name: String,
     bytes: Bytes,
@@ -32,13 +32,13 @@ impl SourceFile {
         Ok(Self { name: name.to_owned(), bytes, folder })
     }
 
-    /// As the chain takes it. Each file is read once, so what is baked is what a key was made of.
+    /// The input of a bake. Each file is read once, so the bytes of the key are the bytes that are baked.
     pub(crate) fn source(&self) -> Source<'_> {
         Source { name: &self.name, bytes: &self.bytes, resources: &self.folder }
     }
 }
 
-/// The files beside a model, kept once read.
+/// The files beside a model. Each is kept after the first read.
 struct Folder {
     path: PathBuf,
     seen: Mutex<BTreeMap<RelativeUri, Result<Bytes, String>>>,
@@ -57,7 +57,7 @@ fn read(path: &Path) -> Result<Bytes, String> {
         _ => e.to_string(),
     };
     let data = fs::metadata(path).map_err(explain)?;
-    // Pipes and devices would never end.
+    // Reading a pipe or a device would never end.
     if !data.is_file() {
         return Err("it is not a file".into());
     }
@@ -67,18 +67,18 @@ fn read(path: &Path) -> Result<Bytes, String> {
     fs::read(path).map(Bytes::from).map_err(explain)
 }
 
-/// By its name.
+/// Tells whether a file is a model, by its name.
 pub(crate) fn is_gltf(path: &Path) -> bool {
     path.extension().is_some_and(|e| e.eq_ignore_ascii_case("glb") || e.eq_ignore_ascii_case("gltf"))
 }
 
-/// A path for messages: relative to the current folder if it is below it, its parts separated by `/`.
+/// A path for messages: relative to the current folder if it lies below, with `/` between its parts.
 pub(crate) fn shown(path: &Path) -> String {
     let current = std::env::current_dir().unwrap_or_default();
     slashed(path.strip_prefix(current).unwrap_or(path))
 }
 
-/// A path with its parts separated by `/`.
+/// A path with `/` between its parts.
 pub(crate) fn slashed(path: &Path) -> String {
     let text = path.to_string_lossy();
     if cfg!(windows) { text.replace('\\', "/") } else { text.into_owned() }

@@ -1,39 +1,41 @@
-//! How a run went: one line and one table row for each model, or JSON.
+//! The report of a run: one line and one row of a table for each model, or JSON.
 
 use std::collections::BTreeMap;
-use std::io::{self, Write};
 use std::path::PathBuf;
 use std::time::Duration;
 
 use serde::Serialize;
-use simpliguard::{LevelReport, Report, Status};
+use simpliguard::{LevelReport, Status};
+use simpliguard_bake::Outcome;
 
+use crate::console;
+use crate::error::UsageError;
+use crate::output::{columns, json_text, write_stdout};
 use crate::plan::Job;
-use crate::{UsageError, console};
 
-/// Version of the JSON document; raised when a field changes its meaning or goes away.
+/// Version of the JSON document. It is raised when a field changes its meaning or is removed.
 const DOCUMENT_VERSION: u32 = 1;
 
-/// How one model went. Serialises to its entry in the JSON document.
+/// The report of one model. Serialises to its entry in the JSON document.
 #[derive(Debug, Serialize)]
-pub(crate) struct Outcome {
+pub(crate) struct JobReport {
     input: String,
-    /// The combined file; null if nothing was written.
+    /// The combined file. Null if nothing was written.
     output: Option<String>,
     status: &'static str,
-    /// Whether the result was found in the cache.
+    /// True if the cache had the result.
     cached: bool,
     error: Option<String>,
     levels: Vec<Level>,
-    /// The contact sheet; null if there is none.
+    /// The contact sheet. Null if there is none.
     sheet: Option<String>,
-    /// The turntable; null if there is none.
+    /// The turntable. Null if there is none.
     turntable: Option<String>,
-    /// What the user should know about the result.
+    /// Remarks on the result for the user.
     notes: Vec<String>,
-    /// Time of each stage; empty if nothing was baked.
+    /// Seconds of each stage. Empty if nothing was baked.
     seconds: BTreeMap<String, f64>,
-    /// From reading the file to having written the results.
+    /// Seconds from reading the file to having written all results.
     seconds_total: f64,
 }
 
@@ -50,20 +52,21 @@ pub(crate) struct Written {
 struct Level {
     #[serde(flatten)]
     report: LevelReport,
-    /// The level's own file; null if it was not asked for.
+    /// The level's own file. Null if it was not asked for.
     path: Option<String>,
 }
 
 #[derive(Serialize)]
 struct Document<'a> {
     version: u32,
-    /// Why nothing was baked at all; null otherwise.
+    /// The reason why nothing was baked at all, or null.
     error: Option<String>,
-    assets: &'a [Outcome],
+    assets: &'a [JobReport],
 }
 
-impl Outcome {
-    pub(crate) fn done(job: &Job, report: Report, cached: bool, written: Written, elapsed: Duration) -> Self {
+impl JobReport {
+    pub(crate) fn done(job: &Job, outcome: Outcome, written: Written, elapsed: Duration) -> Self {
+        let (report, cached) = (outcome.result.report, outcome.is_cached);
         let mut paths = written.levels.into_iter().map(|path| path.display().to_string());
         let levels = report.levels.into_iter().map(|report| Level { report, path: paths.next() }).collect();
         let mut seconds = BTreeMap::new();
@@ -111,7 +114,7 @@ impl Outcome {
         self.error.is_none()
     }
 
-    /// For the console, with notes and what stopped a level below one another.
+    /// The text for the console: one line, and one more for each note and each level that stopped early.
     pub(crate) fn line(&self) -> String {
         if let Some(error) = &self.error {
             return format!("failed\nerror: {error}");
@@ -132,7 +135,7 @@ impl Outcome {
         format!("{:.2} s", self.seconds_total)
     }
 
-    /// Name, status, faces of `levels` levels, time.
+    /// The row of the table: name, status, faces of `levels` levels, time.
     fn row(&self, levels: usize) -> Vec<String> {
         let faces = |i: usize| self.levels.get(i).map_or("-".to_owned(), |l| l.report.faces.to_string());
         let mut row = vec![self.input.clone(), self.status.replace('_', " ")];
@@ -142,54 +145,31 @@ impl Outcome {
     }
 }
 
-/// The closing table; with `json` it goes to stderr, and the document to stdout.
-pub(crate) fn print(outcomes: &[Outcome], json: bool) -> Result<(), UsageError> {
-    let table = table(outcomes);
+/// Prints the table. With `json`, the table goes to stderr and the document to stdout.
+pub(crate) fn print(reports: &[JobReport], json: bool) -> Result<(), UsageError> {
+    let table = table(reports);
     let text = if json {
         console::line(table.trim_end());
-        json_text(&Document { version: DOCUMENT_VERSION, error: None, assets: outcomes })?
+        json_text(&Document { version: DOCUMENT_VERSION, error: None, assets: reports })?
     } else {
         table
     };
     write_stdout(&text)
 }
 
-/// The JSON document of a run that was refused before anything was baked.
+/// Prints the JSON document of a run that was refused before anything was baked.
 pub(crate) fn print_refusal(error: &UsageError) -> Result<(), UsageError> {
     write_stdout(&json_text(&Document { version: DOCUMENT_VERSION, error: Some(error.to_string()), assets: &[] })?)
 }
 
-pub(crate) fn json_text(document: &impl Serialize) -> Result<String, UsageError> {
-    let text = serde_json::to_string_pretty(document);
-    Ok(text.map_err(|e| UsageError(format!("cannot write the JSON document: {e}")))? + "\n")
-}
-
-pub(crate) fn write_stdout(text: &str) -> Result<(), UsageError> {
-    match io::stdout().write_all(text.as_bytes()) {
-        // The reader of a pipe may leave early.
-        Err(e) if e.kind() != io::ErrorKind::BrokenPipe => Err(UsageError(format!("cannot write to stdout: {e}"))),
-        _ => Ok(()),
-    }
-}
-
-fn table(outcomes: &[Outcome]) -> String {
-    let levels = outcomes.iter().map(|o| o.levels.len()).max().unwrap_or(0);
+fn table(reports: &[JobReport]) -> String {
+    let levels = reports.iter().map(|report| report.levels.len()).max().unwrap_or(0);
     let mut header = vec!["model".to_owned(), "status".to_owned()];
     header.extend((1..=levels).map(|level| format!("LOD{level}")));
     header.push("time".to_owned());
-    let rows: Vec<Vec<String>> = [header].into_iter().chain(outcomes.iter().map(|o| o.row(levels))).collect();
-    let width = |column: usize| rows.iter().map(|row| row[column].chars().count()).max().unwrap_or(0);
-    let widths: Vec<usize> = (0..levels + 3).map(width).collect();
-    let mut text = String::new();
-    for row in &rows {
-        let cells = row.iter().zip(&widths).enumerate().map(|(column, (cell, &width))| match column {
-            0 | 1 => format!("{cell:<width$}"),
-            _ => format!("{cell:>width$}"),
-        });
-        text += &cells.collect::<Vec<_>>().join("  ");
-        text.push('\n');
-    }
-    let count = |test: &dyn Fn(&Outcome) -> bool| outcomes.iter().filter(|o| test(o)).count();
-    let (failed, cached) = (count(&|o| !o.succeeded()), count(&|o| o.cached));
-    text + &format!("{} written, {cached} of them from the cache; {failed} failed\n", outcomes.len() - failed)
+    let rows: Vec<_> = [header].into_iter().chain(reports.iter().map(|report| report.row(levels))).collect();
+    let count = |test: &dyn Fn(&JobReport) -> bool| reports.iter().filter(|report| test(report)).count();
+    let (failed, cached) = (count(&|report| !report.succeeded()), count(&|report| report.cached));
+    let written = reports.len() - failed;
+    columns(&rows, 2, false) + &format!("{written} written, {cached} of them from the cache; {failed} failed\n")
 }

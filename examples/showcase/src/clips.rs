@@ -47,6 +47,7 @@ fn collect(
 }
 
 /// Starts the players that a loaded or replaced instance brings.
+#[expect(clippy::too_many_arguments, reason = "a system of Bevy lists what it uses")]
 fn start(
     mut commands: Commands,
     mut players: Query<(Entity, &mut AnimationPlayer), Without<AnimationGraphHandle>>,

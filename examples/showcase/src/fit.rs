@@ -28,6 +28,7 @@ fn note(ready: On<WorldInstanceReady>, mut commands: Commands, pinned: Query<&Pi
 }
 
 /// Runs a frame after the instance appeared, so that transforms below it are known.
+#[expect(clippy::too_many_arguments, reason = "a system of Bevy lists what it uses")]
 fn measure(
     mut commands: Commands,
     mut fits: ResMut<Fits>,

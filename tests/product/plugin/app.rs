@@ -255,6 +255,7 @@ fn summary(frames: &[Duration]) -> Value {
     json!({ "mean": mean, "p95": times[(times.len() * 95).div_ceil(100) - 1], "worst": last })
 }
 
+#[expect(clippy::too_many_arguments, reason = "a system of Bevy lists what it uses")]
 fn report_bakes(
     clock: Res<Clock>,
     bakes: Res<Bakes>,
@@ -283,6 +284,7 @@ fn report_bakes(
     }
 }
 
+#[expect(clippy::too_many_arguments, reason = "a system of Bevy lists what it uses")]
 fn report_models(
     clock: Res<Clock>,
     models: Res<Models>,

@@ -72,6 +72,7 @@ pub(super) fn play_clip(app: &mut App) {
     app.add_systems(Update, (start_clip, step_clip).chain()).add_systems(PostUpdate, report_joints.after(LodSystems));
 }
 
+#[expect(clippy::too_many_arguments, reason = "a system of Bevy lists what it uses")]
 fn start_clip(
     mut commands: Commands,
     players: Query<(Entity, &mut AnimationPlayer), Without<AnimationGraphHandle>>,

@@ -1,56 +1,65 @@
-//! Which processed files are being read or written, and which of their changes the game has seen.
+//! The activity around processed files: reading, processing and swapping, and the changes that the game has seen.
 
 use std::fs::{self, Metadata};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant, SystemTime};
 
+use async_io::Timer;
 use bevy::platform::collections::HashMap;
 
-use super::readers::PATIENCE;
+use super::timing::{PATIENCE, TICK};
 
-/// Time that the processor needs at most from one of its steps to the next that is seen from here, and that those who wait
-/// for its lock need to get it.
+/// Longest time between two steps of the processor that can be seen from here, and longest time that those who wait for
+/// its lock need to get it.
 const REST: Duration = Duration::from_secs(1);
 
-/// The processed files of a source, by their paths below it.
+/// The activity around the processed files of a source, by their paths below it.
 #[derive(Debug, Default)]
-pub(super) struct Activity(Mutex<HashMap<PathBuf, Record>>);
+pub(super) struct ProcessorActivity(Mutex<HashMap<PathBuf, Record>>);
 
 #[derive(Debug, Default)]
 struct Record {
-    /// How many process it.
-    busy: usize,
-    written: Option<Instant>,
-    /// When it was last read, and what was there.
-    read: Option<(Instant, Stamp)>,
-    /// How many read it.
+    /// Number of processors at work on the file.
+    processors: usize,
+    /// Number of its readers.
     readers: usize,
-    /// What the processor did last with its lock.
+    /// Number of swaps of the file.
+    swaps: usize,
+    /// Time of the last write.
+    written: Option<Instant>,
+    /// Time of the last read, and the version of the file that was read.
+    read: Option<(Instant, Stamp)>,
+    /// The processor's last step with its lock.
     lock: Option<(Lock, Instant)>,
 }
 
-/// Where the processor is with the lock of a processed file; see [`super::readers`].
+/// A step of the processor with the lock of a processed file; see [`super::readers`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Lock {
-    /// It asks for it, or has found nothing to do.
+    /// It asks for the lock, or has found nothing to do.
     Claimed,
-    /// It has it, or has failed.
+    /// It holds the lock, or has failed.
     Held,
-    /// It gives it back.
+    /// It gives the lock back.
     Released,
 }
 
 impl Record {
-    fn has_lock(&self, lock: Lock, now: Instant) -> bool {
-        let span = if lock == Lock::Held { PATIENCE } else { REST };
-        self.lock.is_some_and(|(state, since)| state == lock && now < since + span)
+    fn is_at(&self, step: Lock, now: Instant) -> bool {
+        let span = if step == Lock::Held { PATIENCE } else { REST };
+        self.lock.is_some_and(|(last, since)| last == step && now < since + span)
     }
 
-    /// Whether the processor may ask for the lock.
+    /// Tells whether the processor may ask for the lock.
     fn is_free(&self, now: Instant) -> bool {
-        let locks = [Lock::Claimed, Lock::Held, Lock::Released];
-        self.busy == 0 && self.readers == 0 && !locks.iter().any(|lock| self.has_lock(*lock, now))
+        let is_locked = [Lock::Claimed, Lock::Held, Lock::Released].iter().any(|step| self.is_at(*step, now));
+        self.processors + self.readers + self.swaps == 0 && !is_locked
+    }
+
+    /// Tells whether the processor may be about to write the file.
+    fn is_processed(&self, now: Instant) -> bool {
+        self.processors > 0 || [Lock::Claimed, Lock::Held].iter().any(|step| self.is_at(*step, now))
     }
 }
 
@@ -59,7 +68,7 @@ impl Record {
 pub(super) struct Stamp([Option<(u64, SystemTime)>; 2]);
 
 impl Stamp {
-    /// Of a file and its `.meta`.
+    /// The version of a file and its `.meta`.
     pub(super) fn of(file: &Path) -> Self {
         let mut meta = file.as_os_str().to_owned();
         meta.push(".meta");
@@ -68,124 +77,127 @@ impl Stamp {
     }
 }
 
-impl Activity {
-    /// A model is being processed until the guard is dropped.
-    pub(super) fn processing<'a>(&'a self, path: &'a Path) -> Processing<'a> {
-        self.lock().entry(path.to_owned()).or_default().busy += 1;
-        Processing { activity: self, path }
+impl ProcessorActivity {
+    /// Records that a model is being processed, until the guard is dropped.
+    pub(super) fn processing(self: &Arc<Self>, path: &Path) -> Guard {
+        self.update(path, |record| record.processors += 1);
+        self.guard(path, |record| {
+            record.processors -= 1;
+            record.written = Some(Instant::now());
+        })
     }
 
-    /// A processed file is being written, or was just now.
-    pub(super) fn wrote(&self, path: &Path) {
-        self.lock().entry(path.to_owned()).or_default().written = Some(Instant::now());
+    /// Records that a processed file, or its `.meta`, is being read, until the guard is dropped.
+    pub(super) fn reading(self: &Arc<Self>, path: &Path) -> Guard {
+        self.update(path, |record| record.readers += 1);
+        self.guard(path, |record| record.readers -= 1)
     }
 
-    /// The processor is about to ask for the lock of a processed file. `false` if it has to wait.
-    pub(super) fn claim(&self, path: &Path, now: Instant) -> bool {
-        let mut records = self.lock();
-        let record = records.entry(path.to_owned()).or_default();
-        let is_free = record.is_free(now);
-        if is_free {
-            record.lock = Some((Lock::Claimed, now));
+    /// Records that a processed file is being swapped, until the guard is dropped. The processor does not write it
+    /// meanwhile. `None` while the processor may be about to write it.
+    pub(super) fn swapping(self: &Arc<Self>, path: &Path, now: Instant) -> Option<Guard> {
+        let is_begun = self.update(path, |record| {
+            let is_begun = !record.is_processed(now);
+            record.swaps += usize::from(is_begun);
+            is_begun
+        });
+        is_begun.then(|| self.guard(path, |record| record.swaps -= 1))
+    }
+
+    /// Waits until no swap of a processed file is under way. Call it after a step that keeps new swaps away:
+    /// [`Self::processing`] or [`Self::held`].
+    pub(super) async fn swap_ended(&self, path: &Path) {
+        while self.lock().get(path).is_some_and(|record| record.swaps > 0) {
+            Timer::after(TICK).await;
         }
-        is_free
     }
 
-    /// Whether the processor asks for the lock of a processed file.
+    /// Records a write of a processed file.
+    pub(super) fn wrote(&self, path: &Path) {
+        self.update(path, |record| record.written = Some(Instant::now()));
+    }
+
+    /// Lets the processor ask for the lock of a processed file. `false` if it has to wait.
+    pub(super) fn claim(&self, path: &Path, now: Instant) -> bool {
+        self.update(path, |record| {
+            let is_free = record.is_free(now);
+            if is_free {
+                record.lock = Some((Lock::Claimed, now));
+            }
+            is_free
+        })
+    }
+
+    /// Tells whether the processor asks for the lock of a processed file.
     pub(super) fn is_claimed(&self, path: &Path, now: Instant) -> bool {
-        self.lock().get(path).is_some_and(|record| record.has_lock(Lock::Claimed, now))
+        self.lock().get(path).is_some_and(|record| record.is_at(Lock::Claimed, now))
     }
 
-    /// The processor has the lock of a processed file.
+    /// Records that the processor has the lock of a processed file.
     pub(super) fn held(&self, path: &Path) {
-        self.lock().entry(path.to_owned()).or_default().lock = Some((Lock::Held, Instant::now()));
+        self.update(path, |record| record.lock = Some((Lock::Held, Instant::now())));
     }
 
-    /// The processor gives the lock of a processed file back.
+    /// Records that the processor gives the lock of a processed file back.
     pub(super) fn released(&self, path: &Path) {
-        self.lock().entry(path.to_owned()).or_default().lock = Some((Lock::Released, Instant::now()));
+        self.update(path, |record| record.lock = Some((Lock::Released, Instant::now())));
     }
 
-    /// Whether a change to the source of a processed file may be told.
+    /// Tells whether Bevy may be told of a change to the source of a processed file.
     pub(super) fn is_free(&self, path: &Path, now: Instant) -> bool {
         self.lock().get(path).is_none_or(|record| record.is_free(now))
     }
 
-    /// A processed file, at `file`, is about to be read.
+    /// Records that a processed file, at `file`, is about to be read.
     pub(super) fn read(&self, path: &Path, file: &Path) {
         let stamp = Stamp::of(file);
-        self.lock().entry(path.to_owned()).or_default().read = Some((Instant::now(), stamp));
+        self.update(path, |record| record.read = Some((Instant::now(), stamp)));
     }
 
-    /// A processed file, or its `.meta`, is being read until the guard is dropped.
-    pub(super) fn reading(self: &Arc<Self>, path: &Path) -> Reading {
-        self.lock().entry(path.to_owned()).or_default().readers += 1;
-        Reading { activity: self.clone(), path: path.to_owned() }
-    }
-
-    /// A processed file is being exchanged until the guard is dropped: the processor does not ask for its lock before. `None`
-    /// while the processor may be writing it.
-    pub(super) fn exchanging(self: &Arc<Self>, path: &Path, now: Instant) -> Option<Reading> {
-        let mut records = self.lock();
-        let record = records.entry(path.to_owned()).or_default();
-        let is_written = record.busy > 0 || [Lock::Claimed, Lock::Held].iter().any(|lock| record.has_lock(*lock, now));
-        if is_written {
-            return None;
-        }
-        record.readers += 1;
-        Some(Reading { activity: self.clone(), path: path.to_owned() })
-    }
-
-    /// Whether the processed file at `file` is other than it was when it was last read.
+    /// Tells whether the processed file at `file` has changed since the last read.
     pub(super) fn is_news(&self, path: &Path, file: &Path) -> bool {
+        let stamp = Stamp::of(file);
         let records = self.lock();
-        let Some(Record { read: Some((at, stamp)), written, .. }) = records.get(path) else { return true };
-        written.is_some_and(|written| written >= *at) || Stamp::of(file) != *stamp
+        let Some(Record { read: Some((at, seen)), written, .. }) = records.get(path) else { return true };
+        written.is_some_and(|written| written >= *at) || stamp != *seen
     }
 
     fn lock(&self) -> MutexGuard<'_, HashMap<PathBuf, Record>> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
-}
 
-/// See [`Activity::processing`].
-pub(super) struct Processing<'a> {
-    activity: &'a Activity,
-    path: &'a Path,
-}
+    fn update<T>(&self, path: &Path, update: impl FnOnce(&mut Record) -> T) -> T {
+        update(self.lock().entry(path.to_owned()).or_default())
+    }
 
-impl Drop for Processing<'_> {
-    fn drop(&mut self) {
-        let mut records = self.activity.lock();
-        if let Some(record) = records.get_mut(self.path) {
-            record.busy -= 1;
-            record.written = Some(Instant::now());
-        }
+    fn guard(self: &Arc<Self>, path: &Path, end: fn(&mut Record)) -> Guard {
+        Guard { activity: self.clone(), path: path.to_owned(), end }
     }
 }
 
-/// See [`Activity::reading`].
-pub(super) struct Reading {
-    activity: Arc<Activity>,
+/// Ends an activity on drop.
+#[derive(Debug)]
+pub(super) struct Guard {
+    activity: Arc<ProcessorActivity>,
     path: PathBuf,
+    end: fn(&mut Record),
 }
 
-impl Drop for Reading {
+impl Drop for Guard {
     fn drop(&mut self) {
-        let mut records = self.activity.lock();
-        if let Some(record) = records.get_mut(&self.path) {
-            record.readers -= 1;
-        }
+        self.activity.update(&self.path, self.end);
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use bevy::tasks::block_on;
+
     use super::*;
 
     #[test]
     fn a_file_is_free_when_nobody_reads_or_processes_it() {
-        let activity = Arc::new(Activity::default());
+        let activity = Arc::new(ProcessorActivity::default());
         let path = Path::new("a.glb");
         let (start, soon) = (Instant::now(), || Instant::now() + REST);
         assert!(activity.is_free(path, start));
@@ -193,7 +205,7 @@ mod tests {
         drop(one);
         assert!(!activity.claim(path, soon()) && activity.is_free(Path::new("b.glb"), start));
         drop(two);
-        // What is claimed and left is free again after a while.
+        // A claim without a next step ends after a while.
         assert!(activity.claim(path, start) && !activity.claim(path, start) && activity.is_claimed(path, start));
         assert!(activity.is_free(path, soon()) && activity.claim(path, soon()));
         activity.held(path);
@@ -208,29 +220,47 @@ mod tests {
     }
 
     #[test]
-    fn a_file_is_either_exchanged_or_processed() {
-        let activity = Arc::new(Activity::default());
+    fn a_file_is_either_swapped_or_processed() {
+        let activity = Arc::new(ProcessorActivity::default());
         let (path, now) = (Path::new("a.glb"), Instant::now());
-        let exchanging = activity.exchanging(path, now).expect("free");
+        let swapping = activity.swapping(path, now).expect("free");
         assert!(!activity.claim(path, now));
-        drop(exchanging);
-        assert!(activity.claim(path, now) && activity.exchanging(path, now).is_none());
-        assert!(activity.exchanging(path, now + REST).is_some(), "the processor has found nothing to do");
+        drop(swapping);
+        assert!(activity.claim(path, now) && activity.swapping(path, now).is_none());
+        assert!(activity.swapping(path, now + REST).is_some(), "the processor has found nothing to do");
         activity.held(path);
-        assert!(activity.exchanging(path, now).is_none());
+        assert!(activity.swapping(path, now).is_none());
         activity.released(path);
-        assert!(activity.exchanging(path, now).is_some());
+        assert!(activity.swapping(path, now).is_some());
         let processing = activity.processing(path);
-        assert!(activity.exchanging(path, now).is_none());
+        assert!(activity.swapping(path, now).is_none());
         drop(processing);
-        assert!(activity.exchanging(path, now).is_some());
+        assert!(activity.swapping(path, now).is_some());
+    }
+
+    #[test]
+    fn the_processor_waits_for_the_end_of_a_swap_but_not_for_readers() {
+        let activity = Arc::new(ProcessorActivity::default());
+        let path = Path::new("a.glb");
+        let (swapping, _reading) = (activity.swapping(path, Instant::now()).expect("free"), activity.reading(path));
+        // A slow processor, whose claim has run out before the swap began.
+        activity.held(path);
+        std::thread::scope(|scope| {
+            let waits = scope.spawn(|| block_on(activity.swap_ended(path)));
+            std::thread::sleep(TICK * 3);
+            assert!(!waits.is_finished());
+            assert!(activity.swapping(path, Instant::now()).is_none(), "no other swap begins");
+            drop(swapping);
+            waits.join().expect("no panic");
+        });
+        block_on(activity.swap_ended(Path::new("b.glb")));
     }
 
     #[test]
     fn what_was_read_since_it_was_written_is_no_news() {
         let dir = tempfile::tempdir().expect("tempdir");
         let (path, file) = (Path::new("a.glb"), dir.path().join("a.glb"));
-        let activity = Activity::default();
+        let activity = ProcessorActivity::default();
         fs::write(&file, "1").expect("writes");
         activity.wrote(path);
         assert!(activity.is_news(path, &file));
@@ -239,7 +269,7 @@ mod tests {
         activity.wrote(path);
         assert!(activity.is_news(path, &file));
         activity.read(path, &file);
-        // Whoever else wrote it.
+        // Written by somebody else.
         fs::write(&file, "12").expect("writes");
         assert!(activity.is_news(path, &file));
         activity.read(path, &file);

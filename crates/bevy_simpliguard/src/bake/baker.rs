@@ -1,4 +1,4 @@
-//! Decides what the processor writes for a model, and what is baked for it.
+//! The baker: decides on the processed file of a model, and queues its bake.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -9,114 +9,96 @@ use bevy::asset::io::AssetSourceId;
 use bevy::platform::collections::HashSet;
 use bevy::prelude::*;
 use bytes::Bytes;
-use simpliguard::Error;
-use simpliguard::settings::{BakeSettings, CacheSettings, Layer, Origin, ProjectFile, parse_meta, resolve};
-use simpliguard_cache::{BakeResult, Cache, Explicit, Key, Lookup, OutsideProject, bake_key};
+use simpliguard::settings::{CacheSettings, Layer, Origin, ProjectFile, parse_meta, resolve};
+use simpliguard::{Error, Key, bake_key};
+use simpliguard_bake::{CachePlace, OutsideProject, Parts, look_up, open_cache};
+use simpliguard_cache::Cache;
 
-use super::activity::Activity;
+use super::activity::ProcessorActivity;
 use super::events::{BakeFailed, Event};
 use super::input::Input;
 use super::journal::Journal;
 use super::project::Project;
 use super::queue::{Job, Queue};
-use crate::BakeMode;
+use super::request::BakeRequest;
+use crate::options::BakeMode;
 
-/// One bake: what makes its result what it is, and where results are kept.
-#[derive(Clone, Debug)]
-pub(super) struct Order {
-    pub(super) path: AssetPath<'static>,
-    pub(super) settings: BakeSettings,
-    pub(super) key: Key,
-    /// `None` if there is no place for one.
-    pub(super) cache: Option<Arc<Cache>>,
-}
-
-impl Order {
-    /// The result without its single levels, if somebody has made it.
-    pub(super) fn cached(&self) -> Option<BakeResult> {
-        match self.cache.as_ref()?.get_objects(&self.key, BakeResult::is_whole) {
-            Lookup::Hit(entry) => BakeResult::from_entry(entry),
-            Lookup::Miss => None,
-            Lookup::Damaged(error) => {
-                warn!("{}: {error}", self.path);
-                None
-            }
-        }
-    }
-}
-
-/// What all models of a game share.
+/// The state that the bakes of all models of a game share.
 pub(super) struct Baker {
     pub(super) project: Project,
     pub(super) mode: BakeMode,
-    /// As the game asks for it.
+    /// Folder of the cache, if the game gives one.
     pub(super) cache_dir: Option<PathBuf>,
     pub(super) journal: Journal,
-    pub(super) activity: Arc<Activity>,
+    pub(super) activity: Arc<ProcessorActivity>,
     pub(super) queue: Arc<Queue>,
     pub(super) events: async_channel::Sender<Event>,
-    /// By what the project's file said of it: that may change while the game runs.
+    /// Caches by the settings in the project's file, which may change while the game runs.
     pub(super) caches: Mutex<BTreeMap<CacheSettings, Arc<Cache>>>,
-    /// Models that were processed since the start.
+    /// Models that were processed since the start of the game.
     pub(super) seen: Mutex<HashSet<AssetPath<'static>>>,
 }
 
 impl Baker {
-    /// The processed file of a model: with levels if they are in the cache or worth waiting for, else the model itself,
-    /// whose levels follow.
+    /// The processed file of a model: with levels if the cache has them or if the game waits for them. Otherwise the
+    /// model itself, and its levels follow.
     pub(super) async fn output_for(&self, path: &AssetPath<'static>, input: Input) -> Bytes {
-        let order = match self.order(path, &input) {
-            Ok(order) => order,
+        let request = match self.request(path, &input) {
+            Ok(request) => request,
             Err(error) => return self.without_levels(path, &input, &error),
         };
-        if let Some(found) = order.cached() {
+        let missing = input.files.missing(path);
+        if let Some(found) = request.cached() {
             debug!("{path}: levels from the cache");
-            let missing = input.files.missing(path);
-            self.tell(Event::Wished { path: path.clone(), key: order.key, cached: missing.is_empty() });
+            self.tell(Event::Desired { path: path.clone(), key: request.key, is_cached: missing.is_empty() });
             if missing.is_empty() {
                 self.queue.forget(path);
-                self.settle(&order);
+                self.settle(&request);
             } else {
-                self.queue.push(Job::once_there(order, blake3::hash(&found.combined), missing));
+                self.queue.push(Job::when_there(request, blake3::hash(&found.combined), missing));
             }
             return found.combined.into();
         }
         self.note_pending(path);
-        self.tell(Event::Wished { path: path.clone(), key: order.key, cached: false });
+        self.tell(Event::Desired { path: path.clone(), key: request.key, is_cached: false });
         let first = self.seen.lock().unwrap_or_else(PoisonError::into_inner).insert(path.clone());
-        let exchangeable = *path.source() == AssetSourceId::Default;
-        // Bevy may stop for good if a second change meets a long wait, so only the first is waited for.
-        if first && (self.mode == BakeMode::Blocking || !exchangeable) {
-            let answer = self.wait_for(order).await;
-            return answer.unwrap_or_else(|| self.meanwhile(path, &input));
+        let can_swap = *path.source() == AssetSourceId::Default;
+        // Only the first bake is waited for: Bevy's processor may stop for ever if a file changes during a long wait.
+        if first && (self.mode == BakeMode::Blocking || !can_swap) {
+            let Some(levels) = self.wait_for(&request).await else { return self.meanwhile(path, &input) };
+            if missing.is_empty() {
+                self.settle(&request);
+            }
+            return levels;
         }
         let meanwhile = self.meanwhile(path, &input);
-        if exchangeable {
-            self.queue.push(Job::in_background(order, blake3::hash(&meanwhile)));
+        if can_swap {
+            self.queue.push(Job::swapped_in(request, blake3::hash(&meanwhile)));
         }
         meanwhile
     }
 
-    /// Everything about the model is well, now and at the next start.
-    pub(super) fn settle(&self, order: &Order) {
-        let noted = self.journal.end(&order.path).and_then(|()| self.journal.set_good(&order.path, &order.key.hex()));
+    /// Notes that a model has its levels, for the next start.
+    pub(super) fn settle(&self, BakeRequest { path, key, .. }: &BakeRequest) {
+        let noted = self.journal.end(path).and_then(|()| self.journal.set_good(path, &key.hex()));
         if let Err(error) = noted {
-            warn!("{}: {error}", order.path);
+            warn!("{path}: {error}");
         }
     }
 
+    /// Sends an event to the game.
     pub(super) fn tell(&self, event: Event) {
-        // Nobody listens when the game has ended.
+        // The channel is closed when the game has ended.
         let _ = self.events.try_send(event);
     }
 
-    /// `key` is that of the bake, if it came so far.
+    /// Reports a failure. `key` is the key of the desired levels, if the settings of the model give one.
     pub(super) fn fail(&self, path: &AssetPath<'static>, key: Option<Key>, error: String) {
         error!("{error}");
         self.tell(Event::Failed(key, BakeFailed { path: path.clone(), error }));
     }
 
-    fn order(&self, path: &AssetPath<'static>, input: &Input) -> Result<Order, Error> {
+    fn request(&self, path: &AssetPath<'static>, input: &Input) -> Result<BakeRequest, Error> {
         let bytes = input.project.as_ref().map_err(|e| Error::Settings(format!("{}: {e}", ProjectFile::PATH)))?;
         let project = self.project.parse(bytes)?;
         let mut layers = project.layers(&slashed(path.path()), self.project.profile.as_deref())?;
@@ -127,7 +109,7 @@ impl Baker {
         }
         let settings = resolve(layers)?.settings;
         let key = bake_key(&input.files.source(), &settings)?;
-        Ok(Order { path: path.clone(), settings, key, cache: self.cache(&project) })
+        Ok(BakeRequest { path: path.clone(), settings, key, cache: self.cache(&project) })
     }
 
     fn cache(&self, project: &ProjectFile) -> Option<Arc<Cache>> {
@@ -136,23 +118,24 @@ impl Baker {
         if let Some(known) = caches.get(settings) {
             return Some(known.clone());
         }
-        let explicit = Explicit { dir: self.cache_dir.as_deref(), shared: None };
-        let tell = |outside: OutsideProject| warn!("{outside}");
-        let cache = Arc::new(Cache::of_project(explicit, settings, &self.project.base, tell)?);
+        let explicit = CachePlace { dir: self.cache_dir.as_deref(), shared: None };
+        let warn = |outside: OutsideProject| warn!("{outside}");
+        let cache = Arc::new(open_cache(explicit, settings, &self.project.base, warn)?);
         caches.insert(settings.clone(), cache.clone());
         Some(cache)
     }
 
-    async fn wait_for(&self, order: Order) -> Option<Bytes> {
-        let (job, answer) = Job::awaited(order);
+    /// The levels, once they are baked. `None` if the bake fails or is cancelled.
+    async fn wait_for(&self, request: &BakeRequest) -> Option<Bytes> {
+        let (job, answer) = Job::awaited(request.clone());
         self.queue.push(job);
         answer.recv().await.ok()
     }
 
-    /// For a model with mistakes around it that say how it is to be baked.
+    /// The processed file of a model whose settings have an error.
     fn without_levels(&self, path: &AssetPath<'static>, input: &Input, error: &Error) -> Bytes {
         self.queue.forget(path);
-        // At the next start the message comes again, or nothing if the mistake was mended meanwhile.
+        // The next start processes the model again: the error may have been corrected meanwhile.
         self.note_pending(path);
         self.fail(path, None, error.to_string());
         self.meanwhile(path, input)
@@ -160,11 +143,11 @@ impl Baker {
 
     fn note_pending(&self, path: &AssetPath<'static>) {
         if let Err(error) = self.journal.begin(path) {
-            warn!("{path}: should the game end before the bake, the model has to be saved again: {error}");
+            warn!("{path}: if the game ends before the bake, save the model again: {error}");
         }
     }
 
-    /// The model itself, or what was last made of it if it is one that Bevy cannot load.
+    /// The file that a game gets until the levels are there: the model itself. If Bevy cannot load it, the last levels.
     fn meanwhile(&self, path: &AssetPath<'static>, input: &Input) -> Bytes {
         let source = input.files.bytes();
         match gltf::Gltf::from_slice(source) {
@@ -176,14 +159,14 @@ impl Baker {
     fn last_good(&self, path: &AssetPath<'static>, input: &Input) -> Option<Bytes> {
         let project = self.project.parse(input.project.as_ref().ok()?).ok()?;
         let key = Key::from_hex(&self.journal.good(path)?)?;
-        let lookup = self.cache(&project)?.get_objects(&key, BakeResult::is_whole);
-        let Lookup::Hit(entry) = lookup else { return None };
-        info!("{path}: its latest levels stay");
-        Some(BakeResult::from_entry(entry)?.combined.into())
+        let warn = |notice| warn!("{path}: {notice}");
+        let result = look_up(&*self.cache(&project)?, &key, Parts::Combined, warn)?;
+        info!("{path}: keeps its last levels");
+        Some(result.combined.into())
     }
 }
 
-/// A path with its parts separated by `/`.
+/// A path with `/` between its parts.
 fn slashed(path: &Path) -> String {
     let text = path.to_string_lossy();
     if cfg!(windows) { text.replace('\\', "/") } else { text.into_owned() }

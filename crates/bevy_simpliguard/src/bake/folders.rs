@@ -1,7 +1,7 @@
-//! The default asset source: the files that `AssetPlugin` names, with the plugin between them and the processor.
+//! The default asset source: the folders of `AssetPlugin`, with this plugin between the files and the processor.
 //!
-//! A source has to be registered before `AssetPlugin` is built, and only then is known where its files are. So its parts
-//! wait for [`Folders::open`].
+//! A source has to be registered before `AssetPlugin` is built, but its folders are known only afterwards. So the parts
+//! of the source wait for [`Folders::open`].
 
 use std::path::Path;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -15,17 +15,17 @@ use bevy::asset::io::{
 };
 use bevy::prelude::*;
 
-use super::activity::Activity;
-use super::readers::{TiedReader, written};
+use super::activity::ProcessorActivity;
+use super::readers::{GatedReader, written};
 use super::watch;
 
-/// Time without a change to a file before the change is told.
+/// Time without a change to a file before Bevy's watcher reports the change.
 const DEBOUNCE: Duration = Duration::from_millis(100);
 
-/// Set when the folders are known.
+/// A value that is set when the folders are known.
 type Late<T> = Arc<OnceCell<T>>;
 
-/// The parts of the source that wait.
+/// The parts of the source, which wait until the folders are known.
 #[derive(Resource, Default)]
 pub(super) struct Folders {
     source: Late<FileAssetReader>,
@@ -34,28 +34,28 @@ pub(super) struct Folders {
     processed_writer: Late<FileAssetWriter>,
     source_watch: Hook,
     processed_watch: Hook,
-    activity: Arc<Activity>,
+    activity: Arc<ProcessorActivity>,
 }
 
-/// How a game uses its folders.
+/// The use that a game makes of its folders.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Use {
-    /// It processes the source.
+    /// The game processes the source.
     Process,
-    /// It reads what another game processes.
+    /// The game reads the files that another game processes.
     ReadProcessed,
-    /// It has no processor: whatever else the game has set.
+    /// The game has no processor.
     Plain,
 }
 
 impl Folders {
-    /// What is known of the processed files.
-    pub(super) fn activity(&self) -> &Arc<Activity> {
+    /// The activity around the processed files.
+    pub(super) fn activity(&self) -> &Arc<ProcessorActivity> {
         &self.activity
     }
 
-    /// The source. Without `process` its processed side cannot be written: Bevy's processor leaves the source alone, and
-    /// the game reads what is there.
+    /// The source. Without `process` its processed files cannot be written: Bevy's processor leaves the source alone,
+    /// and the game reads the files that are there.
     pub(super) fn source(&self, process: bool) -> AssetSourceBuilder {
         let reader = |files: &Late<FileAssetReader>, is_processed| {
             let (files, activity) = (files.clone(), self.activity.clone());
@@ -75,18 +75,19 @@ impl Folders {
             .with_processed_watcher(move |sender| Some(processed_watch.attach(sender)))
     }
 
-    /// Now it is known where the files are, relative to the base of all asset folders.
+    /// Opens the source. The folders are relative to the base of all asset folders.
     pub(super) fn open(&self, source: &str, processed: &str, usage: Use) {
-        // What is to be watched has to be there.
+        // Folders that are watched have to exist, so the writers create them.
         let _ = self.source.set_blocking(FileAssetReader::new(source));
         let _ = self.source_writer.set_blocking(FileAssetWriter::new(source, false));
         let _ = self.processed.set_blocking(FileAssetReader::new(processed));
         let _ = self.processed_writer.set_blocking(FileAssetWriter::new(processed, usage == Use::Process));
         if usage == Use::Process {
             let activity = self.activity.clone();
-            self.source_watch.start(source, |changes, out| watch::tell_when_calm(source, changes, out, activity));
+            self.source_watch.start(source, |changes, out| watch::pass_on_settled(source, changes, out, activity));
             let activity = self.activity.clone();
-            self.processed_watch.start(processed, |changes, out| watch::tell_news(processed, changes, out, activity));
+            self.processed_watch
+                .start(processed, |changes, out| watch::pass_on_news(processed, changes, out, activity));
         } else {
             self.processed_watch.start_plain(processed);
         }
@@ -99,7 +100,7 @@ impl Folders {
 type Sender = async_channel::Sender<AssetSourceEvent>;
 type Receiver = async_channel::Receiver<AssetSourceEvent>;
 
-/// Both ends of a watcher that is to come: who listens, and who keeps it.
+/// A watcher that starts later: its listener, and the watcher itself.
 #[derive(Clone, Default)]
 struct Hook {
     listener: Arc<Mutex<Option<Sender>>>,
@@ -107,13 +108,13 @@ struct Hook {
 }
 
 impl Hook {
-    /// The source listens. It keeps the watcher, and drops it.
+    /// Keeps the listener of the source. The source owns the returned watcher.
     fn attach(&self, listener: Sender) -> Box<dyn AssetWatcher> {
         *locked(&self.listener) = Some(listener);
         Box::new(self.clone())
     }
 
-    /// Watches a folder if anybody listens; `between` passes on what is seen.
+    /// Watches a folder if the source listens. `between` passes on the changes.
     fn start(&self, folder: &str, between: impl FnOnce(Receiver, Sender)) {
         let Some(listener) = locked(&self.listener).take() else { return };
         let (sender, changes) = async_channel::unbounded();
@@ -121,6 +122,7 @@ impl Hook {
         between(changes, listener);
     }
 
+    /// Watches a folder if the source listens, and passes on all changes.
     fn start_plain(&self, folder: &str) {
         let Some(listener) = locked(&self.listener).take() else { return };
         *locked(&self.watcher) = AssetSource::get_default_watcher(folder.to_owned(), DEBOUNCE)(listener);
@@ -133,28 +135,29 @@ fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
+/// Reads files once the folders are known.
 #[derive(Clone)]
 struct LateReader {
     files: Late<FileAssetReader>,
-    /// Whether they are the processed ones.
+    /// True if the files are the processed ones.
     is_processed: bool,
-    activity: Arc<Activity>,
+    activity: Arc<ProcessorActivity>,
 }
 
 impl LateReader {
-    /// Opens a file, at `file`, once it may be read.
+    /// Opens the file at `file` once it may be read.
     async fn open<R: Reader>(
         &self,
         path: &Path,
         file: &Path,
         inner: impl Future<Output = Result<R, AssetReaderError>>,
-    ) -> Result<TiedReader<R>, AssetReaderError> {
+    ) -> Result<GatedReader<R>, AssetReaderError> {
         if self.is_processed {
             let reading = self.activity.reading(path);
-            return Ok(TiedReader::of_processed(inner.await?, reading));
+            return Ok(GatedReader::of_processed(inner.await?, reading));
         }
         written(file).await;
-        Ok(TiedReader::of_source(inner.await?, &self.activity, path))
+        Ok(GatedReader::of_source(inner.await?, &self.activity, path))
     }
 }
 
@@ -184,11 +187,12 @@ impl AssetReader for LateReader {
     }
 }
 
+/// Writes files once the folders are known.
 #[derive(Clone)]
 struct LateWriter {
     files: Late<FileAssetWriter>,
-    /// Told of every file that is written.
-    writes: Option<Arc<Activity>>,
+    /// Records the writes of processed files.
+    writes: Option<Arc<ProcessorActivity>>,
 }
 
 impl LateWriter {
@@ -204,6 +208,8 @@ impl AssetWriter for LateWriter {
         self.note(path);
         if let Some(writes) = &self.writes {
             writes.held(path);
+            // The write would be lost if the file were swapped afterwards.
+            writes.swap_ended(path).await;
         }
         AssetWriter::write(self.files.wait().await, path).await
     }
@@ -211,7 +217,7 @@ impl AssetWriter for LateWriter {
     async fn write_meta<'a>(&'a self, path: &'a Path) -> Result<Box<Writer>, AssetWriterError> {
         self.note(path);
         if let Some(writes) = &self.writes {
-            // Nothing follows but the end of the transaction.
+            // The next step of the processor is the end of its transaction.
             writes.released(path);
         }
         AssetWriter::write_meta(self.files.wait().await, path).await

@@ -1,4 +1,4 @@
-//! A model and everything that decides its bake, read through Bevy.
+//! The input of a bake: a model and everything that decides its levels, read through Bevy.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -15,9 +15,9 @@ use simpliguard::{RelativeUri, Resources, Source};
 use super::activity::Stamp;
 use super::names::is_model;
 use super::project::Project;
-use super::readers::PATIENCE;
+use super::timing::PATIENCE;
 
-/// Where models and the files they refer to are read from: as they are in their asset sources, outside of Bevy's processing.
+/// Reads models and the files that they refer to as they are in their asset sources, before Bevy processes them.
 #[derive(Clone)]
 pub(super) struct Files {
     pub(super) processor: AssetProcessor,
@@ -26,7 +26,7 @@ pub(super) struct Files {
 }
 
 impl Files {
-    /// Whether a file can be opened.
+    /// Tells whether a file can be opened.
     pub(super) async fn exists(&self, path: &AssetPath<'static>) -> bool {
         let Ok(source) = self.processor.get_source(path.source().clone_owned()) else { return false };
         source.reader().read(path.path()).await.is_ok()
@@ -44,7 +44,7 @@ impl Files {
         Ok(bytes.into())
     }
 
-    /// What tells versions of a file apart. Those of other sources than the default one have none.
+    /// Tells versions of a file apart. `None` for files of other sources than the default one.
     fn stamp(&self, path: &AssetPath<'static>) -> Option<Stamp> {
         (*path.source() == AssetSourceId::Default).then(|| Stamp::of(&self.root.join(path.path())))
     }
@@ -60,7 +60,7 @@ pub(super) struct SourceFiles {
 }
 
 impl SourceFiles {
-    /// Reads a model. If a file changes meanwhile all are read again, unless that never ends.
+    /// Reads a model. If a file changes meanwhile, reads all files again, up to [`PATIENCE`].
     pub(super) async fn read(files: &Files, path: &AssetPath<'static>) -> Result<Self, String> {
         let start = Instant::now();
         loop {
@@ -68,7 +68,7 @@ impl SourceFiles {
             let bytes = files.read(path).await?;
             let name = path.to_string();
             let mut beside = BTreeMap::new();
-            // What is no glTF refers to nothing; the bake says what is wrong with it.
+            // A file that is no glTF refers to nothing. The bake will report its error.
             for uri in external_uris(&name, &bytes).unwrap_or_default() {
                 let neighbour = neighbour(path, &uri);
                 stamps.push((neighbour.clone(), files.stamp(&neighbour)));
@@ -82,18 +82,18 @@ impl SourceFiles {
         }
     }
 
-    /// As the chain takes it.
+    /// The input of the pipeline.
     pub(super) fn source(&self) -> Source<'_> {
         Source { name: &self.name, bytes: &self.bytes, resources: self }
     }
 
-    /// The files that the model of `path` refers to and that cannot be read.
+    /// The files that the model at `path` refers to and that cannot be read.
     pub(super) fn missing(&self, path: &AssetPath<'static>) -> Vec<AssetPath<'static>> {
         let missing = self.beside.iter().filter(|(_, content)| content.is_err());
         missing.map(|(uri, _)| neighbour(path, uri)).collect()
     }
 
-    /// The model file alone.
+    /// The bytes of the model file.
     pub(super) fn bytes(&self) -> &Bytes {
         &self.bytes
     }
@@ -105,24 +105,24 @@ impl Resources for SourceFiles {
     }
 }
 
-/// The asset that a model names by a URI.
+/// The asset that a URI in a model refers to.
 fn neighbour(path: &AssetPath<'static>, uri: &RelativeUri) -> AssetPath<'static> {
     let folder = path.path().parent().unwrap_or(Path::new(""));
     AssetPath::from(folder.join(uri.as_str())).with_source(path.source().clone_owned())
 }
 
-/// Everything [`super::process::SimpliguardProcess`] needs to know of a model.
+/// Everything that [`super::processor::SimpliguardProcess`] needs of a model.
 #[derive(Asset, TypePath, Debug)]
 pub(super) struct Input {
     pub(super) files: SourceFiles,
     /// The text of the `.meta` file beside the model.
     pub(super) meta: Option<String>,
-    /// The file of [`super::project`], or why it cannot be read.
+    /// The file of [`super::project`], or the reason why it cannot be read.
     pub(super) project: Result<Vec<u8>, String>,
 }
 
-/// Loads [`Input`] for the processor, never for a game: it has no extension. Whatever is wrong with a file is part of
-/// the result, so that it never fails.
+/// Loads [`Input`] for the processor, never for a game: it has no extension. Errors in files other than the model are
+/// part of the result.
 #[derive(TypePath)]
 pub(super) struct InputLoader {
     pub(super) files: Files,
@@ -133,13 +133,13 @@ impl AssetLoader for InputLoader {
     type Settings = ();
     type Error = std::io::Error;
 
-    /// `Reader` is of no use: it may have been opened before the file was written again.
+    /// Loads the input. `Reader` is not used, because it may have been opened before the file was written again.
     async fn load(&self, _: &mut dyn Reader, (): &(), context: &mut LoadContext<'_>) -> std::io::Result<Input> {
         let path = context.path().clone();
         let files = SourceFiles::read(&self.files, &path).await.map_err(std::io::Error::other)?;
-        // Read through Bevy once more, each becomes a process dependency: the model is processed again when it changes.
-        // Its bytes may have been through a processor of their own and are of no use here.
-        // Two models that name each other, or one that names itself, would wait for each other for ever.
+        // Reading a file through Bevy makes it a process dependency: when it changes, the model is processed again. Its
+        // bytes are not used, because they may come from a processor of their own. Models are left out: two models that
+        // refer to each other, or one that refers to itself, would wait for each other for ever.
         for uri in files.beside.keys().filter(|uri| !is_model(Path::new(uri.as_str()))) {
             if let Err(error) = context.read_asset_bytes(neighbour(&path, uri)).await {
                 debug!("{path}: '{}' is not watched: {error}", uri.as_str());

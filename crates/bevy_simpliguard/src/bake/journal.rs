@@ -1,4 +1,4 @@
-//! What must be known at the next start, as small files beside the processed assets.
+//! The journal: facts that the next start needs, as small files beside the processed assets.
 
 use std::fs;
 use std::io;
@@ -7,12 +7,13 @@ use std::path::{Path, PathBuf};
 use bevy::asset::AssetPath;
 use simpliguard_cache::{Durability, write_atomic};
 
-/// Where a game's processed assets are, and what is noted about them.
+/// The processed assets of a game, and the notes on them.
 #[derive(Clone, Debug)]
 pub(super) struct Journal {
     /// Root of the processed files of the default source.
     processed: PathBuf,
-    /// Our own folder beside it. Bevy watches the other and would take what lies there for assets.
+    /// The folder of the notes, beside the other one: Bevy would take files in the folder of processed files for
+    /// assets.
     notes: PathBuf,
 }
 
@@ -27,20 +28,20 @@ impl Journal {
         self.processed.join(path.path())
     }
 
-    /// A folder on the same file system as the processed files, which nobody watches.
+    /// A folder on the same file system as the processed files. No watcher watches it.
     pub(super) fn scratch(&self) -> io::Result<PathBuf> {
         let folder = self.notes.join("scratch");
         fs::create_dir_all(&folder)?;
         Ok(folder)
     }
 
-    /// Notes that the processed file is the model as it came, although it is to have levels.
+    /// Notes that the levels of a model are still to be baked.
     pub(super) fn begin(&self, path: &AssetPath<'static>) -> io::Result<()> {
         let content = path.path().to_string_lossy();
         write_atomic(&self.note("pending", path), content.as_bytes(), Durability::Process)
     }
 
-    /// Takes back [`Self::begin`].
+    /// Removes the note of [`Self::begin`].
     pub(super) fn end(&self, path: &AssetPath<'static>) -> io::Result<()> {
         match fs::remove_file(self.note("pending", path)) {
             Err(e) if e.kind() == io::ErrorKind::NotFound => Ok(()),
@@ -48,8 +49,8 @@ impl Journal {
         }
     }
 
-    /// Makes Bevy process those models again whose bakes did not end: it knows their processed files as up to date.
-    /// Returns how many there are. Call it before the processor starts.
+    /// Makes Bevy process the models again whose bakes did not end, by removing their processed files: otherwise Bevy
+    /// takes these files for up to date. Returns the number of models. Call it before the processor starts.
     pub(super) fn recover(&self) -> io::Result<usize> {
         let notes = match fs::read_dir(self.notes.join("pending")) {
             Err(e) if e.kind() == io::ErrorKind::NotFound => return Ok(0),
@@ -59,7 +60,7 @@ impl Journal {
         for note in notes {
             let note = note?.path();
             let path = fs::read_to_string(&note)?;
-            // A note names a file below the root, whatever happened to it.
+            // A damaged note must not lead out of the folder.
             let inside = Path::new(&path).components().all(|c| matches!(c, std::path::Component::Normal(_)));
             if inside && !path.is_empty() {
                 let file = self.processed.join(&path);
@@ -75,7 +76,7 @@ impl Journal {
         Ok(count)
     }
 
-    /// Notes the key of the latest levels of a model.
+    /// Notes the key of the last levels of a model.
     pub(super) fn set_good(&self, path: &AssetPath<'static>, key: &str) -> io::Result<()> {
         let note = self.note("good", path);
         if fs::read(&note).is_ok_and(|there| there == key.as_bytes()) {
@@ -84,7 +85,7 @@ impl Journal {
         write_atomic(&note, key.as_bytes(), Durability::Process)
     }
 
-    /// The key of the latest levels of a model.
+    /// The key of the last levels of a model.
     pub(super) fn good(&self, path: &AssetPath<'static>) -> Option<String> {
         fs::read_to_string(self.note("good", path)).ok()
     }

@@ -1,7 +1,7 @@
-//! Who processes: of several games that run on one folder, the first.
+//! The lock of the processor: of several games that run on one folder, only the first processes assets.
 //!
-//! Bevy's processor expects to be alone: it empties its log at the start, and writes processed files where it finds
-//! changes. A game that comes later reads what the first one makes.
+//! Bevy's processor expects to be alone: it empties its log at the start, and writes a processed file for each change.
+//! A game that starts later reads the files that the first one processes.
 
 use std::fs::{self, File, TryLockError};
 use std::io;
@@ -13,7 +13,7 @@ use bevy::ecs::error::BevyError;
 use bevy::prelude::*;
 use bevy::tasks::BoxedFuture;
 
-/// Relative to the base of all asset folders; beside Bevy's log, which has no other place either.
+/// Path of the lock file, relative to the base of all asset folders. It is beside Bevy's log, whose place is fixed too.
 const PATH: &str = "imported_assets/.simpliguard/lock";
 
 /// The right to process the assets of a folder, until it is dropped or the process ends.
@@ -21,7 +21,7 @@ const PATH: &str = "imported_assets/.simpliguard/lock";
 pub(super) struct ProcessorLock(Result<Option<File>, String>);
 
 impl ProcessorLock {
-    /// Takes the lock below `base` if nobody has it.
+    /// Takes the lock below `base`, if no other process has it.
     pub(super) fn take(base: &Path) -> Self {
         let path = base.join(PATH);
         Self(match open(&path).map(|file| (file.try_lock(), file)) {
@@ -29,7 +29,7 @@ impl ProcessorLock {
             Ok((Err(TryLockError::WouldBlock), _)) => {
                 Err("another game processes the same assets; its results are used".to_owned())
             }
-            // A file system without locks: as if this plugin had none.
+            // The file system has no locks. Go on without.
             Ok((Err(TryLockError::Error(error)), _)) => {
                 debug!("{}: {error}", path.display());
                 Ok(None)
@@ -38,12 +38,12 @@ impl ProcessorLock {
         })
     }
 
-    /// Whether this game processes.
+    /// Tells whether this game processes.
     pub(super) fn is_ours(&self) -> bool {
         self.0.is_ok()
     }
 
-    /// Why this game does not process.
+    /// The reason why this game does not process. `None` if it does.
     pub(super) fn refusal(&self) -> Option<&str> {
         self.0.as_ref().err().map(String::as_str)
     }
@@ -56,7 +56,7 @@ fn open(path: &Path) -> io::Result<File> {
     File::options().create(true).write(true).truncate(false).open(path)
 }
 
-/// The log of a processor that has nothing to process.
+/// The transaction log of a processor that processes nothing.
 pub(super) struct NoLog;
 
 impl ProcessorTransactionLogFactory for NoLog {

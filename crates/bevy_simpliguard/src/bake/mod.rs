@@ -1,10 +1,15 @@
 //! Levels at import: an asset processor that never makes a game wait.
 //!
-//! Bevy gives every `.glb` and `.gltf` to [`SimpliguardProcess`]. What decides a bake - the model, the files it refers
-//! to, its `.meta`, the project's settings and the version of the chain - is hashed to a key. If the cache has a result
-//! for it, that is written as the processed asset. If not, the model itself is written, so that the game has it at once,
-//! and a bake is queued. Its result goes to the cache and then, by an atomic rename, into the place of the processed
-//! file, whose change Bevy reports to the game like that of any other asset.
+//! Bevy gives every `.glb` and `.gltf` file to [`SimpliguardProcess`]. Everything that decides a bake gives a key: the
+//! model, the files that it refers to, its `.meta`, the project's settings and the version of the pipeline. If the
+//! cache has a result for the key, the result becomes the processed file. If not, the model itself becomes the
+//! processed file, so that the game has it at once, and a bake is queued. Its result goes to the cache. Then an atomic
+//! rename swaps it into the place of the processed file. Bevy reports this change to the game like that of any other
+//! asset.
+//!
+//! ```text
+//! processor -> baker -> queue -> worker -> swap
+//! ```
 
 mod activity;
 mod baker;
@@ -14,11 +19,14 @@ mod input;
 mod journal;
 mod lock;
 mod names;
-mod process;
+mod processor;
 mod project;
 mod queue;
 mod readers;
+mod request;
 mod status;
+mod swap;
+mod timing;
 mod watch;
 mod worker;
 
@@ -34,10 +42,10 @@ use bevy::prelude::*;
 use simpliguard::settings::{self, ProjectSettings};
 
 pub use events::{BakeFailed, BakeFinished, BakeProgress, BakeStarted};
-pub use process::{MetaSettings, SimpliguardProcess};
+pub use processor::{MetaSettings, SimpliguardProcess};
 pub use status::{BakeStatus, Bakes};
 
-use crate::{BakeMode, BakePriority, SimpliguardPlugin};
+use crate::options::{BakeMode, BakeOptions, BakePriority};
 use baker::Baker;
 use events::{EventReceiver, deliver};
 use folders::{Folders, Use};
@@ -47,12 +55,12 @@ use lock::{NoLog, ProcessorLock};
 use project::Project;
 use queue::Queue;
 
-/// Ends the bakes with the game.
+/// The queue, which is closed when the game ends.
 #[derive(Resource)]
 struct OpenQueue(Arc<Queue>);
 
-/// What must be known before `AssetPlugin` is built.
-pub(crate) fn build(plugin: &SimpliguardPlugin, app: &mut App) {
+/// Registers the asset sources, before `AssetPlugin` is built.
+pub(crate) fn build(options: &BakeOptions, app: &mut App) {
     app.add_message::<BakeStarted>()
         .add_message::<BakeProgress>()
         .add_message::<BakeFinished>()
@@ -64,20 +72,20 @@ pub(crate) fn build(plugin: &SimpliguardPlugin, app: &mut App) {
     }
     let lock = ProcessorLock::take(&FileAssetReader::get_base_path());
     let folders = Folders::default();
-    app.register_asset_source(project::SOURCE, Project::new(plugin.profile.clone()).source(lock.is_ours()));
+    app.register_asset_source(project::SOURCE, Project::new(options.profile.clone()).source(lock.is_ours()));
     let mut sources = app.world_mut().get_resource_or_init::<AssetSourceBuilders>();
     match sources.get_mut(AssetSourceId::Default) {
         None => sources.insert(AssetSourceId::Default, folders.source(lock.is_ours())),
-        // The game's own.
+        // The game has registered a source of its own.
         Some(source) if !lock.is_ours() => source.processed_writer = None,
         Some(_) => {}
     }
     app.insert_resource(lock).insert_resource(folders);
 }
 
-/// Everything else, once all plugins are built.
-pub(crate) fn finish(plugin: &SimpliguardPlugin, app: &mut App) {
-    // What a renderer puts over it comes later.
+/// Opens the asset sources and starts the workers, once all plugins are built.
+pub(crate) fn finish(options: &BakeOptions, app: &mut App) {
+    // A renderer overwrites it later.
     app.world_mut().get_resource_or_insert_with(|| CompressedImageFormatSupport(CompressedImageFormats::NONE));
     let Some(lock) = app.world_mut().remove_resource::<ProcessorLock>() else { return };
     let processor = app.world().get_resource::<AssetProcessor>().cloned();
@@ -101,23 +109,23 @@ pub(crate) fn finish(plugin: &SimpliguardPlugin, app: &mut App) {
         }
         (Some(processor), None) => {
             app.insert_resource(lock);
-            start(plugin, app, processor, &folders, &paths);
+            start(options, app, processor, &folders, &paths);
         }
     }
 }
 
-/// Bakes from now on.
-fn start(plugin: &SimpliguardPlugin, app: &mut App, processor: AssetProcessor, folders: &Folders, paths: &Paths) {
+/// Starts the workers and registers the processor.
+fn start(options: &BakeOptions, app: &mut App, processor: AssetProcessor, folders: &Folders, paths: &Paths) {
     warn_if_slow();
-    let project = Project::new(plugin.profile.clone());
-    // What is wrong with the file is reported with each model it is for.
+    let project = Project::new(options.profile.clone());
+    // Errors in the file are reported with each model.
     let configured = project.read().map(|file| file.project).unwrap_or_default();
     let (sender, receiver) = async_channel::unbounded();
-    let mode = mode(plugin, &configured);
+    let mode = mode(options, &configured);
     let base = FileAssetReader::get_base_path();
     let baker = Arc::new(Baker {
         mode,
-        cache_dir: plugin.cache_dir.clone(),
+        cache_dir: options.cache_dir.clone(),
         journal: Journal::new(base.join(&paths.processed)),
         activity: folders.activity().clone(),
         project,
@@ -129,10 +137,10 @@ fn start(plugin: &SimpliguardPlugin, app: &mut App, processor: AssetProcessor, f
     match baker.journal.recover() {
         Ok(0) => {}
         Ok(count) => info!("{count} models are still to be baked"),
-        Err(error) => warn!("models whose bakes were interrupted have to be saved again: {error}"),
+        Err(error) => warn!("save the models again whose bakes were interrupted: {error}"),
     }
     let files = Files { processor, root: base.join(&paths.source) };
-    let (threads, priority) = (threads(plugin, &configured, mode), priority(plugin, &configured, mode));
+    let (threads, priority) = (threads(options, &configured, mode), priority(options, &configured, mode));
     if let Err(error) = worker::start(&baker, &files, threads, priority) {
         error!("no levels are baked: cannot start the threads: {error}");
         return;
@@ -149,8 +157,8 @@ fn start(plugin: &SimpliguardPlugin, app: &mut App, processor: AssetProcessor, f
     }
 }
 
-/// Without a renderer nobody tells the loader of images which formats there are, and it would make models with images
-/// wait for ever.
+/// Registers the loader of images if there is no renderer. Otherwise the loader would wait for ever for the renderer to
+/// tell which formats there are.
 pub(crate) fn cleanup(app: &mut App) {
     let formats = app.world().get_resource::<CompressedImageFormatSupport>().map(|support| support.0);
     if app.is_plugin_added::<ImagePlugin>() && formats == Some(CompressedImageFormats::NONE) {
@@ -158,16 +166,16 @@ pub(crate) fn cleanup(app: &mut App) {
     }
 }
 
-fn mode(plugin: &SimpliguardPlugin, configured: &ProjectSettings) -> BakeMode {
-    plugin.mode.unwrap_or(match configured.mode.unwrap_or_default() {
+fn mode(options: &BakeOptions, configured: &ProjectSettings) -> BakeMode {
+    options.mode.unwrap_or(match configured.mode.unwrap_or_default() {
         settings::BakeMode::Progressive => BakeMode::Progressive,
         settings::BakeMode::Blocking => BakeMode::Blocking,
     })
 }
 
-/// A game that waits for its bakes needs nothing for itself.
-fn priority(plugin: &SimpliguardPlugin, configured: &ProjectSettings, mode: BakeMode) -> BakePriority {
-    plugin.priority.unwrap_or(match configured.priority {
+/// The priority of bakes. A game that waits for its bakes needs no time of its own.
+fn priority(options: &BakeOptions, configured: &ProjectSettings, mode: BakeMode) -> BakePriority {
+    options.priority.unwrap_or(match configured.priority {
         None if mode == BakeMode::Blocking => BakePriority::Normal,
         None => BakePriority::default(),
         Some(settings::BakePriority::Lowest) => BakePriority::Lowest,
@@ -176,12 +184,12 @@ fn priority(plugin: &SimpliguardPlugin, configured: &ProjectSettings, mode: Bake
     })
 }
 
-/// One core is the game's, unless it waits.
-fn threads(plugin: &SimpliguardPlugin, configured: &ProjectSettings, mode: BakeMode) -> usize {
+/// The number of threads that bake. One core is left to the game, unless it waits.
+fn threads(options: &BakeOptions, configured: &ProjectSettings, mode: BakeMode) -> usize {
     let configured = configured.threads.map(|n| n.get() as usize);
     let cores = available_parallelism().map_or(1, |n| n.get());
     let free = if mode == BakeMode::Blocking { cores } else { cores - 1 };
-    plugin.threads.or(configured).unwrap_or(free).max(1)
+    options.threads.or(configured).unwrap_or(free).max(1)
 }
 
 /// The folders of the default source, relative to the base of all asset folders.

@@ -1,4 +1,4 @@
-//! Names of models. Bevy looks a processor up by all that follows the first dot of a name, as it is spelled.
+//! Names of models. Bevy finds the processor of a file by the part of its name behind the first dot, in this spelling.
 
 use std::collections::BTreeSet;
 use std::ffi::OsStr;
@@ -6,7 +6,7 @@ use std::path::Path;
 
 use walkdir::WalkDir;
 
-/// The usual extensions, and those of models below `folder` that Bevy takes for others, such as `v2.glb` and `GLB`.
+/// The usual extensions of models, and unusual ones of models below `folder`, such as `v2.glb` and `GLB`.
 pub(super) fn extensions(folder: &Path) -> BTreeSet<String> {
     let mut extensions = BTreeSet::from(["glb", "gltf"].map(str::to_owned));
     for entry in WalkDir::new(folder).follow_links(true).into_iter().filter_map(Result::ok) {
@@ -15,13 +15,13 @@ pub(super) fn extensions(folder: &Path) -> BTreeSet<String> {
     extensions
 }
 
-/// All that follows the first dot in the name of a model.
+/// The part behind the first dot in the name of a model.
 fn full_extension(name: &OsStr) -> Option<String> {
     let (_, extension) = name.to_str()?.split_once('.')?;
     is_model(Path::new(name)).then(|| extension.to_owned())
 }
 
-/// Whether a file is a model by its name.
+/// Tells whether a file is a model by its name.
 pub(super) fn is_model(path: &Path) -> bool {
     path.extension().is_some_and(|e| e.eq_ignore_ascii_case("glb") || e.eq_ignore_ascii_case("gltf"))
 }

@@ -1,6 +1,6 @@
-//! The asset source `simpliguard://`: one file, made of the project's settings, the chosen profile and the version of
-//! the chain. Every baked model has it as a process dependency, so that a change to any of them processes all models
-//! again, which Bevy would not know of otherwise.
+//! The asset source `simpliguard://`. It has one file, made of the project's settings, the chosen profile and the
+//! version of the pipeline. Every baked model has this file as a process dependency. So Bevy processes all models again
+//! when one of the three changes.
 
 use std::io;
 use std::path::{Path, PathBuf};
@@ -12,14 +12,14 @@ use bevy::asset::io::{AssetReader, AssetReaderError, AssetSource, AssetSourceBui
 use simpliguard::PIPELINE_VERSION;
 use simpliguard::settings::ProjectFile;
 
-/// The id of the source.
+/// The id of the asset source.
 pub(super) const SOURCE: &str = "simpliguard";
-/// Where the processor keeps its copy, relative to the base of all asset folders.
+/// Folder of the processor's copy, relative to the base of all asset folders.
 const PROCESSED: &str = "imported_assets/.simpliguard/project";
 /// Time for an editor to write a file.
 const SETTLE: std::time::Duration = std::time::Duration::from_millis(300);
 
-/// Where the project's settings are, and how they are read.
+/// The project's settings file, and the chosen profile.
 #[derive(Clone, Debug)]
 pub(super) struct Project {
     /// The base of all asset folders, which holds `config/`.
@@ -38,7 +38,7 @@ impl Project {
         AssetPath::from(PathBuf::from(file_name())).with_source(SOURCE)
     }
 
-    /// Without `process` its processed side cannot be written.
+    /// The asset source. Without `process`, its processed file cannot be written.
     pub(super) fn source(&self, process: bool) -> AssetSourceBuilder {
         let project = self.clone();
         let folder = Path::new(ProjectFile::PATH).parent().unwrap_or(Path::new("")).to_string_lossy().into_owned();
@@ -61,13 +61,13 @@ impl Project {
         ProjectFile::parse(&text, ProjectFile::PATH)
     }
 
-    /// The text behind the first line of the source's file.
+    /// The project file in the bytes of the source's file, behind the first line.
     pub(super) fn parse(&self, asset: &[u8]) -> Result<ProjectFile, simpliguard::Error> {
         let text = String::from_utf8_lossy(asset);
         ProjectFile::parse(text.split_once('\n').map_or("", |(_, text)| text), ProjectFile::PATH)
     }
 
-    /// Empty if there is no file.
+    /// The text of the project's file; that of an empty file if there is none.
     fn text(&self) -> io::Result<String> {
         match std::fs::read_to_string(self.base.join(ProjectFile::PATH)) {
             Err(e) if e.kind() == io::ErrorKind::NotFound => Ok("()".to_owned()),
@@ -75,6 +75,7 @@ impl Project {
         }
     }
 
+    /// The bytes of the source's file.
     fn content(&self) -> io::Result<Vec<u8>> {
         let profile = self.profile.as_deref().unwrap_or_default();
         Ok(format!("// simpliguard {PIPELINE_VERSION}, profile '{profile}'\n{}", self.text()?).into_bytes())

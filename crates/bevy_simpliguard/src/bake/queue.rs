@@ -1,127 +1,102 @@
-//! Bakes that wait and bakes that run: at most one per model, always the latest.
+//! The queue of bakes: at most one per model waits or is in flight, always the latest.
+//!
+//! The queue is bookkeeping only. No file is read, hashed or written under its lock, because the processor takes it.
 
 use std::collections::VecDeque;
-use std::path::PathBuf;
-use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
-use std::{fs, io, thread};
 
 use bevy::asset::AssetPath;
 use bevy::platform::collections::HashMap;
 use bytes::Bytes;
-use simpliguard::Cancellation;
-use simpliguard_cache::{Durability, Key, write_atomic_through};
+use simpliguard::{Cancellation, Key};
 
-use super::activity::Activity;
-use super::baker::Order;
+use super::request::BakeRequest;
 
-/// Time between two looks for a missing file.
-const LOOK_AGAIN: Duration = Duration::from_secs(1);
-/// How long the processor may take to write the model that is to be exchanged.
-const EXCHANGE_TRIES: u32 = 200;
-const EXCHANGE_PAUSE: Duration = Duration::from_millis(50);
+/// Time between two checks for a missing file.
+const RECHECK: Duration = Duration::from_secs(1);
 
-/// Where the result of a bake goes.
+/// The destination of a result.
 #[derive(Debug)]
-enum Goal {
-    /// Into the place of the processed file, as long as that has this hash.
-    Exchange(blake3::Hash),
-    /// To the processor, which waits for it.
+pub(super) enum Goal {
+    /// The place of the processed file. The hash is that of the bytes that the processor writes meanwhile.
+    Swap(blake3::Hash),
+    /// The processor, which waits for the result.
     Answer(async_channel::Sender<Bytes>),
 }
 
-/// An order and where its result goes.
+/// A request and the destination of its result.
 #[derive(Debug)]
 pub(super) struct Job {
-    pub(super) order: Order,
-    goal: Goal,
-    /// Files that the model refers to and that were not there. Nothing is to be done before one of them is.
+    pub(super) request: BakeRequest,
+    pub(super) goal: Goal,
+    /// Files that the model refers to and that were missing. If there are any, the job waits until one of them exists.
     pub(super) missing: Vec<AssetPath<'static>>,
 }
 
 impl Job {
-    /// The model was passed through; `passed` is the hash of its bytes.
-    pub(super) fn in_background(order: Order, passed: blake3::Hash) -> Self {
-        Self { order, goal: Goal::Exchange(passed), missing: Vec::new() }
+    /// A job whose result is swapped in. The processor writes bytes with the hash `meanwhile` first.
+    pub(super) fn swapped_in(request: BakeRequest, meanwhile: blake3::Hash) -> Self {
+        Self { request, goal: Goal::Swap(meanwhile), missing: Vec::new() }
     }
 
-    /// As [`Self::in_background`], once one of the missing files is there.
-    pub(super) fn once_there(order: Order, passed: blake3::Hash, missing: Vec<AssetPath<'static>>) -> Self {
-        Self { order, goal: Goal::Exchange(passed), missing }
+    /// Like [`Self::swapped_in`], but waits until one of the missing files exists.
+    pub(super) fn when_there(request: BakeRequest, meanwhile: blake3::Hash, missing: Vec<AssetPath<'static>>) -> Self {
+        Self { missing, ..Self::swapped_in(request, meanwhile) }
     }
 
-    /// The receiver gets the result, or is closed if there is none.
-    pub(super) fn awaited(order: Order) -> (Self, async_channel::Receiver<Bytes>) {
+    /// A job that the processor waits for. The receiver gets the result; it is closed if there is none.
+    pub(super) fn awaited(request: BakeRequest) -> (Self, async_channel::Receiver<Bytes>) {
         let (sender, receiver) = async_channel::bounded(1);
-        (Self { order, goal: Goal::Answer(sender), missing: Vec::new() }, receiver)
+        (Self { request, goal: Goal::Answer(sender), missing: Vec::new() }, receiver)
     }
 
-    /// The game shows the model meanwhile.
-    pub(super) fn is_in_background(&self) -> bool {
-        matches!(self.goal, Goal::Exchange(_))
+    /// Tells whether the game shows something else until the result is there.
+    pub(super) fn is_swapped_in(&self) -> bool {
+        matches!(self.goal, Goal::Swap(_))
     }
 }
 
 /// A job that a worker has taken.
 #[derive(Debug)]
-pub(super) struct Taken {
+pub(super) struct InFlight {
     pub(super) job: Job,
-    /// Set when the result is of no use any more.
+    /// Set when nobody needs the result any more.
     pub(super) cancellation: Cancellation,
-    /// The result was brought where it belonged.
-    delivered: bool,
+    /// True if the result was swapped in.
+    pub(super) is_delivered: bool,
 }
 
-/// Where a result belongs.
+/// The queue's record of a job in flight.
 #[derive(Debug)]
-pub(super) struct Place {
-    /// The model's processed file.
-    pub(super) file: PathBuf,
-    /// A folder on its file system.
-    pub(super) scratch: PathBuf,
-    /// Who reads and writes it.
-    pub(super) activity: Arc<Activity>,
-}
-
-/// What became of a result.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Delivery {
-    /// It is where it belongs, and was not before.
-    Done,
-    /// It was there before.
-    WasThere,
-    /// Nobody wants it any more.
-    Superseded,
-}
-
-#[derive(Debug)]
-struct Running {
+struct Flight {
     path: AssetPath<'static>,
     key: Key,
-    exchanges: bool,
+    is_swapped_in: bool,
     cancellation: Cancellation,
 }
 
-/// The latest wish for a model whose processed file is to be exchanged.
+/// The desired levels of a model whose processed file is to be swapped.
 #[derive(Debug)]
-struct Wish {
+struct Desired {
     key: Key,
-    passed: blake3::Hash,
-    /// Its result is in place.
-    met: bool,
+    /// The hash of the processed file as the processor, or the last swap, has left it.
+    file: blake3::Hash,
+    /// True if the result is in place.
+    is_met: bool,
 }
 
 #[derive(Debug, Default)]
 struct State {
     waiting: VecDeque<Job>,
-    /// Jobs to look at again, and when.
-    later: Vec<(Instant, Job)>,
-    running: Vec<Running>,
-    wishes: HashMap<AssetPath<'static>, Wish>,
-    closed: bool,
+    /// Jobs that wait for missing files, and the time of the next check.
+    postponed: Vec<(Instant, Job)>,
+    in_flight: Vec<Flight>,
+    desired: HashMap<AssetPath<'static>, Desired>,
+    is_closed: bool,
 }
 
-/// Shared by the processor, which adds, and the workers, which take.
+/// The queue. The processor adds jobs, and the workers take them.
 #[derive(Debug, Default)]
 pub(super) struct Queue {
     state: Mutex<State>,
@@ -129,55 +104,48 @@ pub(super) struct Queue {
 }
 
 impl Queue {
-    /// Adds a job in place of older ones for the same model. One that runs already is left to it.
+    /// Adds a job. It replaces older jobs of its model. If the same bake is in flight, that one delivers the result.
     pub(super) fn push(&self, job: Job) {
         let mut state = self.lock();
-        if state.closed {
+        if state.is_closed {
             return;
         }
-        let (path, key) = (job.order.path.clone(), job.order.key);
+        let (path, key) = (job.request.path.clone(), job.request.key);
         state.drop_waiting(&path);
-        state.cancel_running(&path, Some(key));
+        state.cancel_in_flight(&path, Some(key));
         match job.goal {
-            Goal::Exchange(passed) => {
-                state.wishes.insert(path.clone(), Wish { key, passed, met: false });
-                if job.missing.is_empty() && state.exchanges(&path, key) {
+            Goal::Swap(file) => {
+                state.desired.insert(path.clone(), Desired { key, file, is_met: false });
+                if job.missing.is_empty() && state.will_swap_in(&path, key) {
                     return;
                 }
             }
             Goal::Answer(_) => {
-                state.wishes.remove(&path);
+                state.desired.remove(&path);
             }
         }
         state.waiting.push_back(job);
         self.changed.notify_all();
     }
 
-    /// Nothing is to be baked for a model.
+    /// Drops and cancels all bakes of a model.
     pub(super) fn forget(&self, path: &AssetPath<'static>) {
         let mut state = self.lock();
         state.drop_waiting(path);
-        state.cancel_running(path, None);
-        state.wishes.remove(path);
+        state.cancel_in_flight(path, None);
+        state.desired.remove(path);
     }
 
-    /// Takes a job, waiting for one; `None` once the queue is closed. Jobs with the key of a running one stay: they find
-    /// its result in the cache.
-    pub(super) fn take(&self) -> Option<Taken> {
+    /// Takes a job; waits until there is one. `None` once the queue is closed. Jobs with the key of one in flight stay:
+    /// they will find its result in the cache.
+    pub(super) fn take(&self) -> Option<InFlight> {
         let mut state = self.lock();
         loop {
-            if state.closed {
+            if state.is_closed {
                 return None;
             }
-            let is_free = |job: &Job| state.running.iter().all(|r| r.key != job.order.key);
-            if let Some(at) = state.waiting.iter().position(is_free)
-                && let Some(job) = state.waiting.remove(at)
-            {
-                let cancellation = Cancellation::default();
-                let (path, key) = (job.order.path.clone(), job.order.key);
-                let exchanges = job.is_in_background();
-                state.running.push(Running { path, key, exchanges, cancellation: cancellation.clone() });
-                return Some(Taken { job, cancellation, delivered: false });
+            if let Some(job) = state.next_job() {
+                return Some(state.begin(job));
             }
             let pause = state.recall(Instant::now());
             if pause.is_some_and(|pause| pause.is_zero()) {
@@ -190,97 +158,65 @@ impl Queue {
         }
     }
 
-    /// A job that was taken has ended, however it went. If it misses files, it comes back later, unless there is another
-    /// one for its model.
-    pub(super) fn release(&self, taken: Taken) {
+    /// Ends a job that was taken, whatever its outcome. A job with missing files comes back later, unless there is
+    /// another one for its model.
+    pub(super) fn release(&self, ended: InFlight) {
         let mut state = self.lock();
-        let order = &taken.job.order;
-        state.running.retain(|r| r.key != order.key || r.path != order.path);
-        let wish = state.wishes.get(&order.path).filter(|wish| wish.key == order.key);
-        let (wanted, met) = (wish.is_some(), wish.is_some_and(|wish| wish.met));
-        if wanted && !taken.job.missing.is_empty() {
-            state.later.push((Instant::now() + LOOK_AGAIN, taken.job));
-        } else if wanted && !met && taken.delivered {
-            // The processor has written the model once more since.
-            state.waiting.push_back(taken.job);
+        let request = &ended.job.request;
+        state.in_flight.retain(|flight| flight.key != request.key || flight.path != request.path);
+        let desired = state.desired.get(&request.path).filter(|desired| desired.key == request.key);
+        let (is_desired, is_met) = (desired.is_some(), desired.is_some_and(|desired| desired.is_met));
+        if is_desired && !ended.job.missing.is_empty() {
+            state.postponed.push((Instant::now() + RECHECK, ended.job));
+        } else if is_desired && !is_met && ended.is_delivered {
+            // The processor has written the model once more after the swap.
+            state.waiting.push_back(ended.job);
         }
         self.changed.notify_all();
     }
 
-    /// The model's files are not those of the order any more although Bevy has no reason to process it again: a missing
-    /// one is there now. `false` if there is another job for the model.
-    pub(super) fn rekey(&self, taken: &mut Taken, key: Key) -> bool {
+    /// Gives a job in flight another key: a missing file exists now, although Bevy had no reason to process the model
+    /// again. `false` if there is another job for the model.
+    pub(super) fn rekey(&self, in_flight: &mut InFlight, key: Key) -> bool {
         let mut state = self.lock();
-        let order = &mut taken.job.order;
-        let Some(wish) = state.wishes.get_mut(&order.path).filter(|wish| wish.key == order.key) else { return false };
-        wish.key = key;
-        for running in state.running.iter_mut().filter(|r| r.path == order.path && r.key == order.key) {
-            running.key = key;
-        }
-        order.key = key;
+        let request = &mut in_flight.job.request;
+        let Some(desired) = state.desired.get_mut(&request.path).filter(|desired| desired.key == request.key) else {
+            return false;
+        };
+        desired.key = key;
+        let flights = state.in_flight.iter_mut();
+        flights.filter(|flight| flight.path == request.path && flight.key == request.key).for_each(|f| f.key = key);
+        request.key = key;
         true
     }
 
-    /// Ends all workers and gives up what waits.
+    /// Closes the queue: drops all waiting jobs and cancels those in flight.
     pub(super) fn close(&self) {
         let mut state = self.lock();
-        state.closed = true;
+        state.is_closed = true;
         state.waiting.clear();
-        state.later.clear();
-        state.wishes.clear();
-        for running in &state.running {
-            running.cancellation.cancel();
+        state.postponed.clear();
+        state.desired.clear();
+        for flight in &state.in_flight {
+            flight.cancellation.cancel();
         }
         self.changed.notify_all();
     }
 
-    /// Brings a result where it belongs.
-    pub(super) fn deliver(&self, taken: &mut Taken, glb: Bytes, place: &Place) -> io::Result<Delivery> {
-        if let Goal::Answer(answer) = &taken.job.goal {
-            let sent = answer.try_send(glb);
-            return Ok(if sent.is_ok() { Delivery::Done } else { Delivery::Superseded });
-        }
-        for _ in 0..EXCHANGE_TRIES {
-            match self.exchange(&taken.job.order, &glb, true, place)? {
-                Some(Delivery::Superseded) => return Ok(Delivery::Superseded),
-                Some(delivery) => {
-                    taken.delivered = true;
-                    return Ok(delivery);
-                }
-                // Bevy is still writing it.
-                None => thread::sleep(EXCHANGE_PAUSE),
-            }
-        }
-        Err(io::Error::other("something else has written the processed file"))
+    /// The hash that the processed file of a request must have to be swapped. `None` if the request is not the desired
+    /// one any more.
+    pub(super) fn swappable(&self, request: &BakeRequest) -> Option<blake3::Hash> {
+        let state = self.lock();
+        state.desired.get(&request.path).filter(|desired| desired.key == request.key).map(|desired| desired.file)
     }
 
-    /// Puts levels in the model's place until the result is there. Returns whether they were.
-    pub(super) fn show(&self, taken: &Taken, glb: &[u8], place: &Place) -> io::Result<bool> {
-        Ok(self.exchange(&taken.job.order, glb, false, place)? == Some(Delivery::Done))
-    }
-
-    /// Exchanges a processed file that is as the processor, or the last exchange, has left it; `None` if it is not.
-    fn exchange(&self, order: &Order, glb: &[u8], is_result: bool, place: &Place) -> io::Result<Option<Delivery>> {
-        let Place { file, scratch, activity } = place;
-        let ours = blake3::hash(glb);
+    /// Records a swap: the processed file has the hash `file` now. `is_result` tells the result from a preview.
+    pub(super) fn swapped(&self, request: &BakeRequest, file: blake3::Hash, is_result: bool) {
         let mut state = self.lock();
-        let Some(wish) = state.wishes.get_mut(&order.path).filter(|wish| wish.key == order.key) else {
-            return Ok(Some(Delivery::Superseded));
-        };
-        // What the processor writes into a file that is exchanged meanwhile would be lost.
-        let Some(_exchanging) = activity.exchanging(order.path.path(), Instant::now()) else { return Ok(None) };
-        let there = fs::read(file).map(|bytes| blake3::hash(&bytes)).ok();
-        let delivery = match there {
-            Some(there) if there == ours => Delivery::WasThere,
-            Some(there) if there == wish.passed => {
-                write_atomic_through(scratch, file, glb, Durability::Process)?;
-                wish.passed = ours;
-                Delivery::Done
-            }
-            _ => return Ok(None),
-        };
-        wish.met |= is_result;
-        Ok(Some(delivery))
+        if let Some(desired) = state.desired.get_mut(&request.path).filter(|desired| desired.key == request.key) {
+            desired.file = file;
+            desired.is_met |= is_result;
+        }
     }
 
     fn lock(&self) -> MutexGuard<'_, State> {
@@ -289,69 +225,71 @@ impl Queue {
 }
 
 impl State {
-    /// Whether a worker is at a result and will put it in place.
-    fn exchanges(&self, path: &AssetPath<'static>, key: Key) -> bool {
-        let current = |r: &&Running| r.path == *path && r.key == key && r.exchanges;
-        self.running.iter().find(current).is_some_and(|r| !r.cancellation.is_cancelled())
+    /// The first waiting job whose key is not in flight.
+    fn next_job(&mut self) -> Option<Job> {
+        let is_free = |job: &Job| self.in_flight.iter().all(|flight| flight.key != job.request.key);
+        let at = self.waiting.iter().position(is_free)?;
+        self.waiting.remove(at)
+    }
+
+    fn begin(&mut self, job: Job) -> InFlight {
+        let cancellation = Cancellation::default();
+        let (path, key, is_swapped_in) = (job.request.path.clone(), job.request.key, job.is_swapped_in());
+        self.in_flight.push(Flight { path, key, is_swapped_in, cancellation: cancellation.clone() });
+        InFlight { job, cancellation, is_delivered: false }
+    }
+
+    /// Tells whether a bake in flight will swap in the result of this key.
+    fn will_swap_in(&self, path: &AssetPath<'static>, key: Key) -> bool {
+        let is_same = |flight: &&Flight| flight.path == *path && flight.key == key && flight.is_swapped_in;
+        self.in_flight.iter().find(is_same).is_some_and(|flight| !flight.cancellation.is_cancelled())
     }
 
     fn drop_waiting(&mut self, path: &AssetPath<'static>) {
-        self.waiting.retain(|job| job.order.path != *path);
-        self.later.retain(|(_, job)| job.order.path != *path);
+        self.waiting.retain(|job| job.request.path != *path);
+        self.postponed.retain(|(_, job)| job.request.path != *path);
     }
 
-    /// Lets jobs wait for a worker whose time has come. Returns the time until there is something to do: none if there
-    /// is already, `None` for ever.
+    /// Moves postponed jobs whose time has come to the waiting ones. Returns the time until the next check: zero if
+    /// jobs were moved, `None` if no job is postponed.
     fn recall(&mut self, now: Instant) -> Option<Duration> {
-        let due = self.later.extract_if(.., |(time, _)| *time <= now).map(|(_, job)| job);
+        let due = self.postponed.extract_if(.., |(time, _)| *time <= now).map(|(_, job)| job);
         let before = self.waiting.len();
         self.waiting.extend(due);
         if self.waiting.len() > before {
             return Some(Duration::ZERO);
         }
-        self.later.iter().map(|(time, _)| *time - now).min()
+        self.postponed.iter().map(|(time, _)| *time - now).min()
     }
 
-    /// Cancels the bake of a model, unless it is of `key`.
-    fn cancel_running(&mut self, path: &AssetPath<'static>, key: Option<Key>) {
-        for running in self.running.iter().filter(|r| r.path == *path && Some(r.key) != key) {
-            running.cancellation.cancel();
+    /// Cancels the bakes of a model, except one with this key.
+    fn cancel_in_flight(&mut self, path: &AssetPath<'static>, except: Option<Key>) {
+        for flight in self.in_flight.iter().filter(|flight| flight.path == *path && Some(flight.key) != except) {
+            flight.cancellation.cancel();
         }
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use simpliguard::KeyBuilder;
     use simpliguard::settings::BakeSettings;
-    use simpliguard_cache::KeyBuilder;
 
     use super::*;
 
-    fn order(path: &'static str, version: &str) -> Order {
+    fn request(path: &'static str, version: &str) -> BakeRequest {
         let key = KeyBuilder::new(version).finish();
-        Order { path: path.into(), settings: BakeSettings::default(), key, cache: None }
+        BakeRequest { path: path.into(), settings: BakeSettings::default(), key, cache: None }
     }
 
     fn job(path: &'static str, version: &str) -> Job {
-        Job::in_background(order(path, version), blake3::hash(b"source"))
+        Job::swapped_in(request(path, version), blake3::hash(b"source"))
     }
 
-    /// A folder with a processed file.
-    fn place(content: &str) -> (tempfile::TempDir, Place) {
-        let dir = tempfile::tempdir().expect("tempdir");
-        let file = dir.path().join("a.glb");
-        fs::write(&file, content).expect("writes");
-        let place = Place { file, scratch: dir.path().to_owned(), activity: Arc::default() };
-        (dir, place)
-    }
-
-    /// A folder with a model that was passed through, and its job, taken.
-    fn passed_through() -> (tempfile::TempDir, Place, Queue, Taken) {
-        let (dir, place) = place("source");
-        let queue = Queue::default();
-        queue.push(job("a.glb", "1"));
-        let taken = queue.take().expect("a job");
-        (dir, place, queue, taken)
+    /// Records that the result of a job was swapped in.
+    fn swap_in(queue: &Queue, in_flight: &mut InFlight) {
+        queue.swapped(&in_flight.job.request, blake3::hash(b"levels"), true);
+        in_flight.is_delivered = true;
     }
 
     #[test]
@@ -365,24 +303,25 @@ mod tests {
         assert!(first.cancellation.is_cancelled());
         queue.release(first);
         let latest = queue.take().expect("a job");
-        assert_eq!(latest.job.order.key, order("a.glb", "3").key);
+        assert_eq!(latest.job.request.key, request("a.glb", "3").key);
         assert!(!latest.cancellation.is_cancelled() && queue.lock().waiting.is_empty());
     }
 
     #[test]
     fn a_model_that_is_processed_again_unchanged_is_not_baked_again() {
-        let (_dir, place, queue, mut taken) = passed_through();
+        let queue = Queue::default();
         queue.push(job("a.glb", "1"));
-        assert!(queue.lock().waiting.is_empty() && !taken.cancellation.is_cancelled());
-        let levels = || Bytes::from_static(b"levels");
-        let delivery = queue.deliver(&mut taken, levels(), &place);
-        assert_eq!(delivery.expect("exchanges"), Delivery::Done);
+        let mut in_flight = queue.take().expect("a job");
+        queue.push(job("a.glb", "1"));
+        assert!(queue.lock().waiting.is_empty() && !in_flight.cancellation.is_cancelled());
+        swap_in(&queue, &mut in_flight);
+        assert_eq!(queue.swappable(&in_flight.job.request), Some(blake3::hash(b"levels")));
         // The processor writes the model over the levels before the worker has ended.
-        fs::write(&place.file, "source").expect("writes");
         queue.push(job("a.glb", "1"));
-        queue.release(taken);
+        assert_eq!(queue.swappable(&in_flight.job.request), Some(blake3::hash(b"source")));
+        queue.release(in_flight);
         let mut again = queue.take().expect("a job");
-        assert_eq!(queue.deliver(&mut again, levels(), &place).expect("exchanges"), Delivery::Done);
+        swap_in(&queue, &mut again);
         queue.release(again);
         assert!(queue.lock().waiting.is_empty());
     }
@@ -395,84 +334,51 @@ mod tests {
         queue.push(job("c.glb", "2"));
         let a = queue.take().expect("a job");
         let c = queue.take().expect("a job");
-        assert_eq!((a.job.order.path.to_string(), c.job.order.path.to_string()), ("a.glb".into(), "c.glb".into()));
+        assert_eq!((a.job.request.path.to_string(), c.job.request.path.to_string()), ("a.glb".into(), "c.glb".into()));
         queue.release(a);
-        assert_eq!(queue.take().expect("a job").job.order.path, "b.glb".into());
+        assert_eq!(queue.take().expect("a job").job.request.path, "b.glb".into());
     }
 
     #[test]
-    fn a_result_is_exchanged_only_for_what_was_passed_through() {
-        let (_dir, place, queue, mut taken) = passed_through();
-        let mut deliver = |bytes: &'static [u8]| queue.deliver(&mut taken, Bytes::from_static(bytes), &place);
-        assert_eq!(deliver(b"levels").expect("exchanges"), Delivery::Done);
-        assert_eq!(fs::read(&place.file).expect("reads"), b"levels");
-        assert_eq!(deliver(b"levels").expect("is there"), Delivery::WasThere);
-        queue.push(job("a.glb", "2"));
-        assert_eq!(deliver(b"old levels").expect("no error"), Delivery::Superseded);
-        queue.forget(&"a.glb".into());
-        assert_eq!(deliver(b"old levels").expect("no error"), Delivery::Superseded);
-        assert_eq!(fs::read(&place.file).expect("reads"), b"levels");
-    }
-
-    #[test]
-    fn what_is_shown_gives_way_to_the_result() {
-        let (_dir, place, queue, mut taken) = passed_through();
-        assert!(queue.show(&taken, b"preview", &place).expect("exchanges"));
-        assert_eq!(fs::read(&place.file).expect("reads"), b"preview");
-        assert!(!queue.lock().wishes[&AssetPath::from("a.glb")].met, "the result is still to come");
-        let delivery = queue.deliver(&mut taken, Bytes::from_static(b"levels"), &place);
-        assert_eq!(delivery.expect("exchanges"), Delivery::Done);
-        assert_eq!(fs::read(&place.file).expect("reads"), b"levels");
-        // Nothing is shown of an outdated bake, nor while the processor writes.
-        queue.push(job("a.glb", "2"));
-        assert!(!queue.show(&taken, b"preview", &place).expect("no error"));
-        queue.release(taken);
-        let taken = queue.take().expect("a job");
-        fs::write(&place.file, "sou").expect("writes");
-        assert!(!queue.show(&taken, b"preview", &place).expect("no error"));
-        assert_eq!(fs::read(&place.file).expect("reads"), b"sou");
-    }
-
-    #[test]
-    fn an_exchange_waits_for_the_processor_to_write() {
-        let (_dir, place) = place("sou");
+    fn only_the_desired_request_may_be_swapped() {
         let queue = Queue::default();
         queue.push(job("a.glb", "1"));
-        let mut taken = queue.take().expect("a job");
-        thread::scope(|scope| {
-            let exchange = scope.spawn(|| queue.deliver(&mut taken, Bytes::from_static(b"levels"), &place));
-            thread::sleep(EXCHANGE_PAUSE * 2);
-            assert_eq!(fs::read(&place.file).expect("reads"), b"sou");
-            fs::write(&place.file, "source").expect("writes");
-            assert_eq!(exchange.join().expect("no panic").expect("exchanges"), Delivery::Done);
-        });
-        assert_eq!(fs::read(&place.file).expect("reads"), b"levels");
+        let in_flight = queue.take().expect("a job");
+        let first = in_flight.job.request.clone();
+        assert_eq!(queue.swappable(&first), Some(blake3::hash(b"source")));
+        queue.swapped(&first, blake3::hash(b"preview"), false);
+        assert!(!queue.lock().desired[&first.path].is_met, "the result is still to come");
+        queue.push(job("a.glb", "2"));
+        assert_eq!(queue.swappable(&first), None);
+        // An outdated swap changes nothing.
+        queue.swapped(&first, blake3::hash(b"levels"), true);
+        assert_eq!(queue.swappable(&request("a.glb", "2")), Some(blake3::hash(b"source")));
+        assert!(!queue.lock().desired[&first.path].is_met);
+        queue.forget(&first.path);
+        assert_eq!(queue.swappable(&request("a.glb", "2")), None);
     }
 
     #[test]
-    fn an_exchange_waits_for_the_processor_to_be_done_with_the_file() {
-        let (_dir, place, queue, mut taken) = passed_through();
-        let path = std::path::Path::new("a.glb");
-        let processing = place.activity.processing(path);
-        assert!(!queue.show(&taken, b"preview", &place).expect("no error"));
-        assert_eq!(fs::read(&place.file).expect("reads"), b"source");
-        drop(processing);
-        let delivery = queue.deliver(&mut taken, Bytes::from_static(b"levels"), &place);
-        assert_eq!(delivery.expect("exchanges"), Delivery::Done);
-    }
-
-    #[test]
-    fn an_awaited_job_answers_or_closes() {
+    fn a_job_with_missing_files_comes_back_with_another_key() {
         let queue = Queue::default();
-        let (awaited, answer) = Job::awaited(order("a.glb", "1"));
-        queue.push(awaited);
-        let mut taken = queue.take().expect("a job");
-        let glb = Bytes::from_static(b"levels");
-        let (_dir, place) = place("source");
-        let delivery = queue.deliver(&mut taken, glb.clone(), &place);
-        assert_eq!((delivery.expect("sends"), answer.recv_blocking()), (Delivery::Done, Ok(glb)));
-        queue.release(taken);
-        let (awaited, answer) = Job::awaited(order("b.glb", "1"));
+        let missing = vec![AssetPath::from("a.bin")];
+        queue.push(Job::when_there(request("a.glb", "1"), blake3::hash(b"source"), missing));
+        let mut in_flight = queue.take().expect("a job");
+        let key = request("a.glb", "2").key;
+        assert!(queue.rekey(&mut in_flight, key) && in_flight.job.request.key == key);
+        queue.release(in_flight);
+        assert_eq!(queue.lock().postponed.len(), 1);
+        let mut in_flight = queue.take().expect("after a while");
+        queue.push(job("a.glb", "3"));
+        assert!(!queue.rekey(&mut in_flight, request("a.glb", "4").key));
+        queue.release(in_flight);
+        assert!(queue.lock().postponed.is_empty());
+    }
+
+    #[test]
+    fn a_closed_queue_closes_what_is_awaited() {
+        let queue = Queue::default();
+        let (awaited, answer) = Job::awaited(request("b.glb", "1"));
         queue.push(awaited);
         queue.close();
         assert!(answer.recv_blocking().is_err() && queue.take().is_none());

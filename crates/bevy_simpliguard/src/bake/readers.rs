@@ -1,12 +1,13 @@
-//! Readers between the files and Bevy, which wait for two things.
+//! Readers between the files and Bevy. They wait in two cases.
 //!
-//! A source is not read while it is being written: what is read then is half of it.
+//! First, a source is not read while it is being written, because half a file would be read.
 //!
-//! A source has no end before the processor may ask for the lock of the processed file. In Bevy 0.19 a load takes that lock
-//! twice: with the `.meta`, and while it has that, with the file (`AssetServer::get_meta_loader_and_reader`). The processor
-//! asks for it once it has hashed the source (`AssetProcessor::process_asset_internal`), and while a writer waits, no reader
-//! gets it. If it asks between a load's two, the load waits for the processor and the processor for the load, for ever; and
-//! so it does if it asks while it processes the file already, since the load goes between the two.
+//! Second, a source does not reach its end before the processor may ask for the lock of the processed file. In Bevy
+//! 0.19 a load takes the read lock twice: with the `.meta` and, while it holds that, with the file
+//! (`AssetServer::get_meta_loader_and_reader`). The processor asks for the write lock after it has hashed the source
+//! (`AssetProcessor::process_asset_internal`), and while a writer waits, no reader gets the lock. If the processor asks
+//! between the two read locks of a load, load and processor wait for each other for ever. The same happens if it asks
+//! while it is already processing the file, because a load may come in between.
 
 use std::fs;
 use std::io::{self, Read};
@@ -20,18 +21,13 @@ use async_io::Timer;
 use bevy::asset::io::{Reader, ReaderNotSeekableError, STACK_FUTURE_SIZE, SeekableReader, StackFuture};
 use bevy::tasks::futures_lite::AsyncRead;
 
-use super::activity::{Activity, Reading};
+use super::activity::{Guard, ProcessorActivity};
+use super::timing::{PATIENCE, QUIET, TICK};
 
-/// A file that did not change for so long is written.
-pub(super) const QUIET: Duration = Duration::from_millis(200);
-/// The same of one that is not whole.
+/// Time without a change after which a file counts as written although it is not whole.
 const LONG_QUIET: Duration = Duration::from_secs(2);
-/// A file that never stops changing is taken as it is.
-pub(super) const PATIENCE: Duration = Duration::from_secs(10);
-/// Time between two looks at what is waited for.
-pub(super) const TICK: Duration = Duration::from_millis(25);
 
-/// Waits until a file is written. One that is not there is not waited for.
+/// Waits until a file is written. Does not wait for a missing file.
 pub(super) async fn written(file: &Path) {
     let start = Instant::now();
     while start.elapsed() < PATIENCE {
@@ -43,12 +39,13 @@ pub(super) async fn written(file: &Path) {
     }
 }
 
-/// Time since a file was changed. A time to come is that of another machine's clock.
+/// Time since the last change of a file. A time in the future comes from another machine's clock and counts as long
+/// ago.
 fn age(file: &Path) -> io::Result<Duration> {
     Ok(fs::metadata(file)?.modified()?.elapsed().unwrap_or(LONG_QUIET))
 }
 
-/// Whether a file is all that it says it is: not empty and, if it is a binary glTF, as long as its header says.
+/// Tells whether a file is whole: not empty and, if it is a binary glTF, as long as its header says.
 fn is_whole(file: &Path) -> io::Result<bool> {
     let (mut file, mut header) = (fs::File::open(file)?, Vec::new());
     file.by_ref().take(12).read_to_end(&mut header)?;
@@ -62,29 +59,30 @@ fn is_whole(file: &Path) -> io::Result<bool> {
 }
 
 /// Reads a source or a processed file.
-pub(super) struct TiedReader<R> {
+pub(super) struct GatedReader<R> {
     inner: R,
-    /// What is passed at the end of a source.
+    /// The gate before the end of a source.
     gate: Option<Gate>,
-    /// Tells that a processed file is read.
-    _reading: Option<Reading>,
+    /// Records that a processed file is being read.
+    _reading: Option<Guard>,
 }
 
+/// Opens when the processor may ask for the lock of the processed file.
 struct Gate {
-    activity: Arc<Activity>,
+    activity: Arc<ProcessorActivity>,
     path: PathBuf,
     pause: Option<Timer>,
 }
 
-impl<R: Reader> TiedReader<R> {
-    /// A reader of a source. The processor's second one, for what it makes of the source, is not stopped any more.
-    pub(super) fn of_source(inner: R, activity: &Arc<Activity>, path: &Path) -> Self {
+impl<R: Reader> GatedReader<R> {
+    /// A reader of a source. The processor reads a source twice, and only the first reader has a gate.
+    pub(super) fn of_source(inner: R, activity: &Arc<ProcessorActivity>, path: &Path) -> Self {
         let gate = Gate { activity: activity.clone(), path: path.to_owned(), pause: None };
         Self { inner, gate: (!activity.is_claimed(path, Instant::now())).then_some(gate), _reading: None }
     }
 
     /// A reader of a processed file.
-    pub(super) fn of_processed(inner: R, reading: Reading) -> Self {
+    pub(super) fn of_processed(inner: R, reading: Guard) -> Self {
         Self { inner, gate: None, _reading: Some(reading) }
     }
 }
@@ -100,7 +98,7 @@ impl Gate {
     }
 }
 
-impl<R: Reader> AsyncRead for TiedReader<R> {
+impl<R: Reader> AsyncRead for GatedReader<R> {
     fn poll_read(mut self: Pin<&mut Self>, context: &mut Context<'_>, buffer: &mut [u8]) -> Poll<io::Result<usize>> {
         let read = ready!(Pin::new(&mut self.inner).poll_read(context, buffer));
         if let (Ok(0), Some(gate)) = (&read, &mut self.gate) {
@@ -111,8 +109,8 @@ impl<R: Reader> AsyncRead for TiedReader<R> {
     }
 }
 
-impl<R: Reader> Reader for TiedReader<R> {
-    /// The processor hashes piece by piece; what is read as a whole need not wait.
+impl<R: Reader> Reader for GatedReader<R> {
+    /// Reads to the end without the gate: the processor hashes piece by piece, and only that has to wait.
     fn read_to_end<'a>(&'a mut self, buffer: &'a mut Vec<u8>) -> StackFuture<'a, io::Result<usize>, STACK_FUTURE_SIZE> {
         self.inner.read_to_end(buffer)
     }
@@ -133,8 +131,8 @@ mod tests {
 
     use super::*;
 
-    /// As the processor hashes.
-    async fn hash(mut reader: TiedReader<VecReader>) -> usize {
+    /// Reads as the processor does when it hashes.
+    async fn hash(mut reader: GatedReader<VecReader>) -> usize {
         let (mut bytes, mut buffer) = (0, [0; 2]);
         loop {
             match reader.read(&mut buffer).await.expect("reads") {
@@ -146,8 +144,8 @@ mod tests {
 
     #[test]
     fn a_source_has_no_end_while_the_processed_file_is_read() {
-        let (activity, path) = (Arc::new(Activity::default()), Path::new("a.glb"));
-        let source = |path: &str| TiedReader::of_source(VecReader::new(vec![1; 5]), &activity, Path::new(path));
+        let (activity, path) = (Arc::new(ProcessorActivity::default()), Path::new("a.glb"));
+        let source = |path: &str| GatedReader::of_source(VecReader::new(vec![1; 5]), &activity, Path::new(path));
         let [meta, file] = [(); 2].map(|()| activity.reading(path));
         assert_eq!(block_on(hash(source("b.glb"))), 5);
         let (mut bytes, mut whole) = (Vec::new(), source("a.glb"));
@@ -160,7 +158,7 @@ mod tests {
             assert!(!first.is_finished());
             drop(file);
             assert_eq!(first.join().expect("no panic"), 5);
-            // It has asked for the lock: what it reads then has an end, and nobody else's.
+            // The processor has asked for the lock. Its second reader has no gate, but those of others have.
             assert_eq!(block_on(hash(source("a.glb"))), 5);
             activity.held(path);
             let second = scope.spawn(|| block_on(hash(second)));

@@ -1,46 +1,45 @@
-//! What is known of the bakes of all models.
+//! The status of the bakes of all models.
 
 use std::collections::BTreeMap;
 use std::time::Duration;
 
 use bevy::asset::AssetPath;
 use bevy::prelude::*;
-use simpliguard::StageId;
-use simpliguard_cache::Key;
+use simpliguard::{Key, StageId};
 
-/// How far the levels of a model are.
+/// The status of the levels of a model.
 #[derive(Clone, Debug, PartialEq)]
 pub enum BakeStatus {
-    /// The bake waits for a free thread, or for a file that the model refers to and that is not there.
+    /// The bake waits for a free thread, or for a missing file that the model refers to.
     Queued,
     /// The bake runs.
     Baking {
         /// The stage at work.
         stage: StageId,
-        /// Part of the whole bake that is done, 0 to 1.
+        /// Fraction of the whole bake that is done, 0 to 1.
         fraction: f32,
     },
-    /// The model is as its files and settings want it: with levels, or without if it needs none.
+    /// The model is in its final form: with levels, or without if it needs none.
     Done {
         /// Time the bake took; zero if the cache had the result.
         duration: Duration,
     },
-    /// The model has no levels, or keeps those of before.
+    /// The bake failed. The model has no levels, or keeps its last ones.
     Failed {
-        /// What was found and what to do about it.
+        /// The error, and advice for the user.
         error: String,
     },
 }
 
 impl BakeStatus {
-    /// Whether nothing more will happen unless a file changes.
+    /// Tells whether the status stays as it is until a file changes.
     pub fn is_settled(&self) -> bool {
         matches!(self, Self::Done { .. } | Self::Failed { .. })
     }
 }
 
-/// The status of every model that was processed since the game started, kept up to date in `PreUpdate`. A model whose
-/// files are those of the last start is not processed again and is not in here.
+/// The status of every model that was processed since the start of the game, updated in `PreUpdate`. Models that have
+/// not changed since the last start are not processed again, and are not in here.
 #[derive(Resource, Debug, Default)]
 pub struct Bakes {
     models: BTreeMap<String, Bake>,
@@ -49,7 +48,7 @@ pub struct Bakes {
 #[derive(Debug)]
 struct Bake {
     path: AssetPath<'static>,
-    /// What is to be baked; what is heard of other bakes of the model is outdated.
+    /// The key of the desired levels. Events of other keys are outdated.
     key: Option<Key>,
     status: BakeStatus,
 }
@@ -65,17 +64,17 @@ impl Bakes {
         self.models.values().map(|bake| (&bake.path, &bake.status))
     }
 
-    /// Whether no bake runs or waits.
+    /// Tells whether no bake runs or waits.
     pub fn is_settled(&self) -> bool {
         self.models.values().all(|bake| bake.status.is_settled())
     }
 
-    /// There is a new wish for a model. `None` is for one that cannot even be wished for.
-    pub(super) fn wish(&mut self, path: &AssetPath<'static>, key: Option<Key>, status: BakeStatus) {
+    /// Sets the desired levels of a model. The key is `None` if the settings of the model are wrong.
+    pub(super) fn set_desired(&mut self, path: &AssetPath<'static>, key: Option<Key>, status: BakeStatus) {
         self.models.insert(path.to_string(), Bake { path: path.clone(), key, status });
     }
 
-    /// A bake has something to tell.
+    /// Sets the status of a bake, unless it is outdated.
     pub(super) fn advance(&mut self, path: &AssetPath<'static>, key: Key, status: BakeStatus) {
         if let Some(bake) = self.models.get_mut(&path.to_string()).filter(|bake| bake.key == Some(key)) {
             bake.status = status;
@@ -85,7 +84,7 @@ impl Bakes {
 
 #[cfg(test)]
 mod tests {
-    use simpliguard_cache::KeyBuilder;
+    use simpliguard::KeyBuilder;
 
     use super::*;
 
@@ -97,14 +96,14 @@ mod tests {
         let mut bakes = Bakes::default();
         bakes.advance(&path, old, baking(0.1));
         assert_eq!(bakes.get(&path), None);
-        bakes.wish(&path, Some(old), BakeStatus::Queued);
+        bakes.set_desired(&path, Some(old), BakeStatus::Queued);
         bakes.advance(&path, old, baking(0.2));
         assert_eq!(bakes.get(&path), Some(&baking(0.2)));
         assert!(!bakes.is_settled());
-        bakes.wish(&path, Some(new), BakeStatus::Done { duration: Duration::ZERO });
+        bakes.set_desired(&path, Some(new), BakeStatus::Done { duration: Duration::ZERO });
         bakes.advance(&path, old, baking(0.3));
         assert!(bakes.is_settled());
-        bakes.wish(&path, None, BakeStatus::Failed { error: "x".into() });
+        bakes.set_desired(&path, None, BakeStatus::Failed { error: "x".into() });
         bakes.advance(&path, new, baking(0.4));
         let all: Vec<_> = bakes.iter().map(|(path, status)| (path.to_string(), status.clone())).collect();
         assert_eq!(all, [("a/b.glb".to_owned(), BakeStatus::Failed { error: "x".into() })]);

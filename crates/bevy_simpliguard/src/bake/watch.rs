@@ -1,5 +1,5 @@
-//! Changes to files, told when they are to be heard: those of sources once each and not while the processor is busy with
-//! the file, those of processed models only if the game has not seen them.
+//! Changes to files, passed on at the right time. Changes to a source are passed on once, and not while the processor
+//! is at work on the file. Changes to a processed model are passed on only if the game has not seen them.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -13,36 +13,36 @@ use bevy::prelude::*;
 use bevy::tasks::IoTaskPool;
 use walkdir::WalkDir;
 
-use super::activity::Activity;
+use super::activity::ProcessorActivity;
 use super::names::is_model;
-use super::readers::{PATIENCE, QUIET, TICK};
+use super::timing::{PATIENCE, QUIET, TICK};
 
 type Sender = async_channel::Sender<AssetSourceEvent>;
 type Receiver = async_channel::Receiver<AssetSourceEvent>;
 
 /// Passes on changes below the source folder `folder`, in a thread that ends with the watcher.
-pub(super) fn tell_when_calm(folder: &str, changes: Receiver, out: Sender, activity: Arc<Activity>) {
+pub(super) fn pass_on_settled(folder: &str, changes: Receiver, out: Sender, activity: Arc<ProcessorActivity>) {
     let root = FileAssetReader::get_base_path().join(folder);
-    let told = thread::Builder::new().name("simpliguard watch".into()).spawn(move || {
-        let mut unrest = Unrest::new(root);
-        while let Some(change) = unrest.next(&changes) {
-            let mut tell: Vec<AssetSourceEvent> =
-                change.and_then(|c| unrest.note(c, Instant::now())).into_iter().collect();
-            tell.extend(unrest.calm(Instant::now(), &activity));
-            for event in tell {
+    let started = thread::Builder::new().name("simpliguard watch".into()).spawn(move || {
+        let mut pending = PendingChanges::new(root);
+        while let Some(change) = pending.next(&changes) {
+            let mut events: Vec<AssetSourceEvent> =
+                change.and_then(|c| pending.add(c, Instant::now())).into_iter().collect();
+            events.extend(pending.settled(Instant::now(), &activity));
+            for event in events {
                 if out.send_blocking(event).is_err() {
                     return;
                 }
             }
         }
     });
-    if let Err(error) = told {
+    if let Err(error) = started {
         warn!("changes to assets are not seen: {error}");
     }
 }
 
-/// Passes on changes to processed files, except those to models that the game has read since.
-pub(super) fn tell_news(folder: &str, changes: Receiver, out: Sender, activity: Arc<Activity>) {
+/// Passes on changes to processed files, except changes to models that the game has read since.
+pub(super) fn pass_on_news(folder: &str, changes: Receiver, out: Sender, activity: Arc<ProcessorActivity>) {
     let root = FileAssetReader::get_base_path().join(folder);
     let pass = async move {
         while let Ok(change) = changes.recv().await {
@@ -64,8 +64,8 @@ pub(super) fn tell_news(folder: &str, changes: Receiver, out: Sender, activity: 
     IoTaskPool::get().spawn(pass).detach();
 }
 
-/// Files that have changed and are not told yet.
-struct Unrest {
+/// Changed files that were not passed on yet.
+struct PendingChanges {
     root: PathBuf,
     files: BTreeMap<PathBuf, Change>,
 }
@@ -73,16 +73,17 @@ struct Unrest {
 struct Change {
     first: Instant,
     last: Instant,
-    /// What is gone may have been a folder.
+    /// The path was removed, and may have been a folder.
     unknown: bool,
 }
 
-impl Unrest {
+impl PendingChanges {
     fn new(root: PathBuf) -> Self {
         Self { root, files: BTreeMap::new() }
     }
 
-    /// Waits for the next change: `Some(None)` if it is time to look at what waits, `None` if there will be none.
+    /// Waits for the next change. `Some(None)` if it is time to check the pending changes, `None` if the watcher has
+    /// ended.
     fn next(&self, changes: &Receiver) -> Option<Option<AssetSourceEvent>> {
         if self.files.is_empty() {
             return changes.recv_blocking().ok().map(Some);
@@ -97,8 +98,8 @@ impl Unrest {
         }
     }
 
-    /// Takes a change in. Returns what is to be told at once.
-    fn note(&mut self, change: AssetSourceEvent, now: Instant) -> Option<AssetSourceEvent> {
+    /// Adds a change. Returns an event that has to be passed on at once.
+    fn add(&mut self, change: AssetSourceEvent, now: Instant) -> Option<AssetSourceEvent> {
         match change {
             AssetSourceEvent::AddedAsset(path)
             | AssetSourceEvent::ModifiedAsset(path)
@@ -108,8 +109,8 @@ impl Unrest {
             | AssetSourceEvent::RemovedMeta(path)
             | AssetSourceEvent::RemovedUnknown { path, is_meta: true } => self.file(path, now, false),
             AssetSourceEvent::RemovedUnknown { path, is_meta: false } => self.file(path, now, true),
-            // Bevy takes the processed file along, and an editor that renames a new version into the place of the old
-            // one would get that of the new version's former name.
+            // For a rename, Bevy renames the processed file too. An editor that renames a new version into the place of
+            // the old one would get the processed file of the new version's former name.
             AssetSourceEvent::RenamedAsset { old, new } | AssetSourceEvent::RenamedMeta { old, new } => {
                 self.file(old, now, false);
                 self.file(new, now, false);
@@ -130,7 +131,7 @@ impl Unrest {
         change.unknown &= unknown;
     }
 
-    /// A folder that came as a whole is not followed by changes to what it holds.
+    /// Adds all files below a folder: a new folder comes without changes to its files.
     fn files_below(&mut self, folder: &Path, now: Instant) {
         let root = self.root.clone();
         for entry in WalkDir::new(root.join(folder)).follow_links(true).into_iter().filter_map(Result::ok) {
@@ -141,15 +142,16 @@ impl Unrest {
         }
     }
 
-    /// What is to be told now: the files as they are, whatever happened to them meanwhile.
-    fn calm(&mut self, now: Instant, activity: &Activity) -> Vec<AssetSourceEvent> {
-        let is_calm = |path: &Path, change: &Change| {
+    /// The events to pass on now. They describe the files as they are, whatever happened to them meanwhile.
+    fn settled(&mut self, now: Instant, activity: &ProcessorActivity) -> Vec<AssetSourceEvent> {
+        let is_settled = |path: &Path, change: &Change| {
             (now >= change.last + QUIET || now >= change.first + PATIENCE) && activity.is_free(path, now)
         };
-        let calm = self.files.extract_if(.., |path, change| is_calm(path, change)).collect::<Vec<_>>();
-        calm.into_iter().flat_map(|(path, change)| self.state_of(path, change, now)).collect()
+        let settled = self.files.extract_if(.., |path, change| is_settled(path, change)).collect::<Vec<_>>();
+        settled.into_iter().flat_map(|(path, change)| self.state_of(path, change, now)).collect()
     }
 
+    /// The event that describes a file as it is now.
     fn state_of(&mut self, path: PathBuf, change: Change, now: Instant) -> Option<AssetSourceEvent> {
         let file = self.root.join(&path);
         if file.is_dir() {
@@ -174,44 +176,49 @@ mod tests {
         PathBuf::from(path)
     }
 
+    /// A folder without pending changes and without activity, and the time.
+    fn nothing_pending(dir: &tempfile::TempDir) -> (PendingChanges, Arc<ProcessorActivity>, Instant) {
+        (PendingChanges::new(dir.path().to_owned()), Arc::default(), Instant::now())
+    }
+
     #[test]
     fn many_changes_of_a_file_are_one() {
         let dir = tempfile::tempdir().expect("tempdir");
         fs::write(dir.path().join("a.glb"), "1").expect("writes");
-        let (mut unrest, activity, start) = (Unrest::new(dir.path().to_owned()), Activity::default(), Instant::now());
+        let (mut pending, activity, start) = nothing_pending(&dir);
         for i in 0..10 {
             let now = start + QUIET / 2 * i;
             let added = if i == 0 { AssetSourceEvent::AddedMeta } else { AssetSourceEvent::ModifiedAsset };
-            assert_eq!(unrest.note(added(asset("a.glb")), now), None);
-            assert_eq!(unrest.calm(now, &activity), []);
+            assert_eq!(pending.add(added(asset("a.glb")), now), None);
+            assert_eq!(pending.settled(now, &activity), []);
         }
         let end = start + QUIET * 6;
-        assert_eq!(unrest.calm(end, &activity), [AssetSourceEvent::ModifiedAsset(asset("a.glb"))]);
-        assert_eq!(unrest.calm(end + PATIENCE, &activity), []);
+        assert_eq!(pending.settled(end, &activity), [AssetSourceEvent::ModifiedAsset(asset("a.glb"))]);
+        assert_eq!(pending.settled(end + PATIENCE, &activity), []);
     }
 
     #[test]
     fn a_file_that_never_rests_is_told_at_last() {
         let dir = tempfile::tempdir().expect("tempdir");
         fs::write(dir.path().join("a.glb"), "1").expect("writes");
-        let (mut unrest, activity, start) = (Unrest::new(dir.path().to_owned()), Activity::default(), Instant::now());
-        unrest.note(AssetSourceEvent::ModifiedAsset(asset("a.glb")), start);
-        unrest.note(AssetSourceEvent::ModifiedAsset(asset("a.glb")), start + PATIENCE);
-        assert_eq!(unrest.calm(start + PATIENCE, &activity).len(), 1);
+        let (mut pending, activity, start) = nothing_pending(&dir);
+        pending.add(AssetSourceEvent::ModifiedAsset(asset("a.glb")), start);
+        pending.add(AssetSourceEvent::ModifiedAsset(asset("a.glb")), start + PATIENCE);
+        assert_eq!(pending.settled(start + PATIENCE, &activity).len(), 1);
     }
 
     #[test]
     fn a_change_waits_for_the_processor() {
         let dir = tempfile::tempdir().expect("tempdir");
         fs::write(dir.path().join("a.glb"), "1").expect("writes");
-        let (mut unrest, activity, start) = (Unrest::new(dir.path().to_owned()), Activity::default(), Instant::now());
-        unrest.note(AssetSourceEvent::ModifiedAsset(asset("a.glb")), start);
+        let (mut pending, activity, start) = nothing_pending(&dir);
+        pending.add(AssetSourceEvent::ModifiedAsset(asset("a.glb")), start);
         let path = asset("a.glb");
         let processing = activity.processing(&path);
-        assert_eq!(unrest.calm(start + QUIET, &activity), []);
-        assert_eq!(unrest.calm(start + PATIENCE, &activity), []);
+        assert_eq!(pending.settled(start + QUIET, &activity), []);
+        assert_eq!(pending.settled(start + PATIENCE, &activity), []);
         drop(processing);
-        assert_eq!(unrest.calm(start + QUIET, &activity).len(), 1);
+        assert_eq!(pending.settled(start + QUIET, &activity).len(), 1);
     }
 
     #[test]
@@ -221,12 +228,12 @@ mod tests {
         for name in ["a.glb", "new/b.glb", "new/b.glb.meta"] {
             fs::write(dir.path().join(name), "1").expect("writes");
         }
-        let (mut unrest, activity, start) = (Unrest::new(dir.path().to_owned()), Activity::default(), Instant::now());
-        unrest.note(AssetSourceEvent::RenamedAsset { old: asset("a.tmp"), new: asset("a.glb") }, start);
-        unrest.note(AssetSourceEvent::RemovedUnknown { path: asset("other"), is_meta: false }, start);
+        let (mut pending, activity, start) = nothing_pending(&dir);
+        pending.add(AssetSourceEvent::RenamedAsset { old: asset("a.tmp"), new: asset("a.glb") }, start);
+        pending.add(AssetSourceEvent::RemovedUnknown { path: asset("other"), is_meta: false }, start);
         let folders = AssetSourceEvent::RenamedFolder { old: asset("old"), new: asset("new") };
-        assert_eq!(unrest.note(folders, start), Some(AssetSourceEvent::RemovedFolder(asset("old"))));
-        let told = unrest.calm(start + QUIET, &activity);
+        assert_eq!(pending.add(folders, start), Some(AssetSourceEvent::RemovedFolder(asset("old"))));
+        let told = pending.settled(start + QUIET, &activity);
         let wanted = [
             AssetSourceEvent::ModifiedAsset(asset("a.glb")),
             AssetSourceEvent::RemovedAsset(asset("a.tmp")),

@@ -8,30 +8,30 @@ use bevy::asset::AssetPath;
 use bevy::prelude::*;
 use bevy::tasks::block_on;
 use rayon::{ThreadPool, ThreadPoolBuilder};
-use simpliguard::{Context, Error, PreviewSink, Progress, ProgressSink, Report, StageStore, Status};
-use simpliguard_cache::{BakeResult, Notice, Once, bake_key};
+use simpliguard::{Context, Error, PreviewSink, Progress, ProgressSink, Report, Status};
+use simpliguard_bake::{BakeResult, CachedBake, Host, Notice, Parts};
 use thread_priority::{ThreadPriority, ThreadPriorityValue};
 
-use super::baker::{Baker, Order};
+use super::baker::Baker;
 use super::events::{BakeFinished, BakeProgress, BakeStarted, Event};
 use super::input::{Files, SourceFiles};
-use super::queue::{Delivery, Place, Taken};
-use crate::BakePriority;
+use super::queue::{Goal, InFlight};
+use super::swap::{Delivery, Place};
+use crate::options::BakePriority;
 
-/// Threads that share a bake before a second one runs beside it: each holds a model and its levels in memory.
+/// Number of threads for each bake that runs at the same time. Each bake holds a model and its levels in memory.
 const THREADS_PER_BAKE: usize = 4;
+/// Largest number of bakes at the same time.
 const MOST_BAKES: usize = 4;
-/// A nice value of 9; on Windows below normal.
+/// The thread priority of [`BakePriority::Low`]: a nice value of 9; on Windows, below normal.
 const LOW: u8 = 25;
-/// What computes a result; part of its record, not of its key.
-const MADE_BY: &str = "cpu";
 
-/// Starts the workers, which end when the queue is closed. `threads` is how many compute.
+/// Starts the workers, which end when the queue is closed. `threads` is the number of threads that compute.
 pub(super) fn start(baker: &Arc<Baker>, files: &Files, threads: usize, priority: BakePriority) -> io::Result<()> {
     let pool = ThreadPoolBuilder::new()
         .num_threads(threads)
         .thread_name(|i| format!("simpliguard {i}"))
-        .start_handler(move |_| stand_back(priority))
+        .start_handler(move |_| set_priority(priority))
         .build()
         .map_err(io::Error::other)?;
     let pool = Arc::new(pool);
@@ -42,8 +42,8 @@ pub(super) fn start(baker: &Arc<Baker>, files: &Files, threads: usize, priority:
     Ok(())
 }
 
-/// Gives the calling thread its priority.
-fn stand_back(priority: BakePriority) {
+/// Sets the priority of the calling thread.
+fn set_priority(priority: BakePriority) {
     let priority = match priority {
         BakePriority::Lowest => ThreadPriority::Min,
         BakePriority::Low => {
@@ -52,7 +52,7 @@ fn stand_back(priority: BakePriority) {
         BakePriority::Normal => return,
     };
     if let Err(error) = priority.set_for_current() {
-        debug!("bakes run at the game's own priority: {error:?}");
+        debug!("bakes run at the priority of the game: {error:?}");
     }
 }
 
@@ -62,11 +62,11 @@ struct Worker {
     pool: Arc<ThreadPool>,
 }
 
-/// Why a job has no result.
+/// The reason why a job has no result.
 enum Stop {
-    /// The model or its settings have changed meanwhile; another job is for those.
+    /// The model or its settings have changed meanwhile, and another job bakes the new levels.
     Superseded,
-    /// It cannot be baked.
+    /// The bake failed.
     Failed(String),
 }
 
@@ -81,133 +81,134 @@ impl From<Error> for Stop {
 
 impl Worker {
     fn run(&self) {
-        while let Some(mut taken) = self.baker.queue.take() {
-            if self.is_still_missing(&taken) {
-                self.baker.queue.release(taken);
+        while let Some(mut in_flight) = self.baker.queue.take() {
+            if self.is_still_missing(&in_flight) {
+                self.baker.queue.release(in_flight);
                 continue;
             }
-            let path = taken.job.order.path.clone();
-            match self.work(&mut taken) {
-                Ok(finished) => self.baker.tell(Event::Finished(taken.job.order.key, finished)),
+            let path = in_flight.job.request.path.clone();
+            match self.work(&mut in_flight) {
+                Ok(finished) => self.baker.tell(Event::Finished(in_flight.job.request.key, finished)),
                 Err(Stop::Superseded) => debug!("{path}: the bake is outdated"),
-                Err(Stop::Failed(error)) => self.baker.fail(&path, Some(taken.job.order.key), error),
+                Err(Stop::Failed(error)) => self.baker.fail(&path, Some(in_flight.job.request.key), error),
             }
-            self.baker.queue.release(taken);
+            self.baker.queue.release(in_flight);
         }
     }
 
-    fn is_still_missing(&self, taken: &Taken) -> bool {
-        let missing = &taken.job.missing;
+    fn is_still_missing(&self, in_flight: &InFlight) -> bool {
+        let missing = &in_flight.job.missing;
         !missing.is_empty() && !missing.iter().any(|path| block_on(self.files.exists(path)))
     }
 
-    /// Looks in the cache once more, bakes if need be, and brings the result where it belongs.
-    fn work(&self, taken: &mut Taken) -> Result<BakeFinished, Stop> {
-        let path = taken.job.order.path.clone();
+    /// Finds or bakes the levels of a job, and delivers them.
+    fn work(&self, in_flight: &mut InFlight) -> Result<BakeFinished, Stop> {
+        let path = in_flight.job.request.path.clone();
         let unreadable = |error| Stop::Failed(format!("{path}: {error}"));
         let files = block_on(SourceFiles::read(&self.files, &path)).map_err(unreadable)?;
-        let key = bake_key(&files.source(), &taken.job.order.settings)?;
-        if key != taken.job.order.key {
-            if !self.baker.queue.rekey(taken, key) {
+        let (settings, cache) = (in_flight.job.request.settings.clone(), in_flight.job.request.cache.clone());
+        let bake = CachedBake::new(files.source(), &settings, Parts::Combined, cache.as_deref())?;
+        if bake.key() != in_flight.job.request.key {
+            if !self.baker.queue.rekey(in_flight, bake.key()) {
                 return Err(Stop::Superseded);
             }
-            self.baker.tell(Event::Wished { path: path.clone(), key, cached: false });
+            self.baker.tell(Event::Desired { path: path.clone(), key: bake.key(), is_cached: false });
         }
-        taken.job.missing = files.missing(&path);
-        let (result, duration) = self.find_or_bake(&files, taken)?;
-        let BakeResult { combined, report, .. } = result;
-        let place = self.place_of(&path);
-        let delivered = place.and_then(|place| self.baker.queue.deliver(taken, combined.into(), &place));
-        match delivered {
-            Ok(Delivery::Done) => self.exchanged(&path),
-            Ok(Delivery::WasThere) => {}
-            Ok(Delivery::Superseded) => return Err(Stop::Superseded),
-            Err(error) => return Err(Stop::Failed(format!("{path}: the levels cannot be put in place: {error}"))),
-        }
-        // Should a missing file come while the game is off, the next start has to look.
-        if taken.job.missing.is_empty() {
-            self.baker.settle(&taken.job.order);
+        in_flight.job.missing = files.missing(&path);
+        let (BakeResult { combined, report, .. }, duration) = self.find_or_bake(&bake, in_flight)?;
+        let undelivered = |error| Stop::Failed(format!("{path}: the levels cannot be put in place: {error}"));
+        if self.deliver(in_flight, combined).map_err(undelivered)? == Delivery::Superseded {
+            return Err(Stop::Superseded);
         }
         info!("{}", summary(&path, &report, duration));
         Ok(BakeFinished { path, report, duration })
+    }
+
+    /// The result of a bake, and the time that it took; zero if the cache had the result.
+    fn find_or_bake(&self, bake: &CachedBake<'_>, in_flight: &InFlight) -> Result<(BakeResult, Duration), Stop> {
+        let (start, host) = (Instant::now(), WorkerHost { worker: self, in_flight });
+        let preview = in_flight.job.is_swapped_in().then_some(&host as &dyn PreviewSink);
+        let cancellation = in_flight.cancellation.clone();
+        let context = Context { cancellation, progress: Some(&host), preview, ..Context::default() };
+        let outcome = bake.run(&context, &host)?;
+        Ok((outcome.result, if outcome.is_cached { Duration::ZERO } else { start.elapsed() }))
+    }
+
+    /// Delivers a result to the goal of its job.
+    fn deliver(&self, in_flight: &mut InFlight, glb: Vec<u8>) -> io::Result<Delivery> {
+        if let Goal::Answer(answer) = &in_flight.job.goal {
+            let is_sent = answer.try_send(glb.into()).is_ok();
+            return Ok(if is_sent { Delivery::Done } else { Delivery::Superseded });
+        }
+        // A missing file may be added while the game is off, so the next start has to process the model again.
+        let settle = |in_flight: &InFlight| {
+            if in_flight.job.missing.is_empty() {
+                self.baker.settle(&in_flight.job.request);
+            }
+        };
+        let path = in_flight.job.request.path.clone();
+        let delivery = self.place_of(&path)?.deliver(&self.baker.queue, in_flight, &glb, settle)?;
+        if delivery == Delivery::Done {
+            self.baker.tell(Event::Swapped(path));
+        }
+        Ok(delivery)
     }
 
     fn place_of(&self, path: &AssetPath<'static>) -> io::Result<Place> {
         let Baker { journal, activity, .. } = &*self.baker;
         Ok(Place { file: journal.processed_file(path), scratch: journal.scratch()?, activity: activity.clone() })
     }
+}
 
-    /// A processed file has other levels.
-    fn exchanged(&self, path: &AssetPath<'static>) {
-        self.baker.activity.wrote(path.path());
-        self.baker.tell(Event::Exchanged(path.clone()));
+/// The game around a bake.
+struct WorkerHost<'a> {
+    worker: &'a Worker,
+    in_flight: &'a InFlight,
+}
+
+impl WorkerHost<'_> {
+    fn path(&self) -> &AssetPath<'static> {
+        &self.in_flight.job.request.path
     }
 
-    /// Nobody bakes what somebody else on this machine bakes already. The duration is that of our own bake.
-    fn find_or_bake(&self, files: &SourceFiles, taken: &Taken) -> Result<(BakeResult, Duration), Stop> {
-        let (order, start) = (&taken.job.order, Instant::now());
-        let bake = || self.bake(files, taken);
-        let Some(cache) = &order.cache else { return Ok((bake()?, start.elapsed())) };
-        let tell = |notice: Notice| match notice {
-            Notice::Waits => debug!("{}: {notice}", order.path),
-            Notice::Shared(error) => warn!("{error}"),
-        };
-        match cache.once(&order.key, &taken.cancellation, tell, || order.cached(), bake)? {
-            Once::Found(result) => Ok((result, Duration::ZERO)),
-            Once::Made(result) => Ok((result, start.elapsed())),
-            Once::Cancelled => Err(Stop::Superseded),
+    fn tell(&self, event: impl FnOnce(simpliguard::Key, AssetPath<'static>) -> Event) {
+        self.worker.baker.tell(event(self.in_flight.job.request.key, self.path().clone()));
+    }
+}
+
+impl Host for WorkerHost<'_> {
+    fn begin(&self) -> Result<(), Error> {
+        self.tell(|key, path| Event::Started(key, BakeStarted { path }));
+        Ok(())
+    }
+
+    fn compute<T: Send>(&self, work: impl FnOnce() -> T + Send) -> T {
+        self.worker.pool.install(work)
+    }
+
+    fn notify(&self, notice: Notice) {
+        if notice.is_warning() {
+            warn!("{}: {notice}", self.path());
+        } else {
+            debug!("{}: {notice}", self.path());
         }
     }
-
-    fn bake(&self, files: &SourceFiles, taken: &Taken) -> Result<BakeResult, Stop> {
-        let order = &taken.job.order;
-        self.baker.tell(Event::Started(order.key, BakeStarted { path: order.path.clone() }));
-        let progress = Sink { baker: &self.baker, order };
-        let stages = order.cache.as_deref().map(|cache| cache as &dyn StageStore);
-        let preview = Preview { worker: self, taken };
-        let preview = taken.job.is_in_background().then_some(&preview as &dyn PreviewSink);
-        let context = Context { cancellation: taken.cancellation.clone(), progress: Some(&progress), stages, preview };
-        let source = files.source();
-        let result = self.pool.install(|| BakeResult::compute(&source, &order.settings, &context, None))?;
-        keep(order, &result);
-        Ok(result)
-    }
 }
 
-/// Storage that fails never stops a bake.
-fn keep(order: &Order, result: &BakeResult) {
-    let Some(cache) = &order.cache else { return };
-    let stored = result.to_entry(MADE_BY).map_err(|e| e.to_string());
-    if let Err(error) = stored.and_then(|entry| cache.put(&order.key, &entry).map_err(|e| e.to_string())) {
-        warn!("{}: the result is not kept: {error}", order.path);
-    }
-}
-
-struct Sink<'a> {
-    baker: &'a Baker,
-    order: &'a Order,
-}
-
-impl ProgressSink for Sink<'_> {
+impl ProgressSink for WorkerHost<'_> {
     fn report(&self, Progress { stage, fraction, .. }: Progress) {
-        let message = BakeProgress { path: self.order.path.clone(), stage, fraction };
-        self.baker.tell(Event::Progress(self.order.key, message));
+        self.tell(|key, path| Event::Progress(key, BakeProgress { path, stage, fraction }));
     }
 }
 
 /// Shows levels in the game while better ones are made.
-struct Preview<'a> {
-    worker: &'a Worker,
-    taken: &'a Taken,
-}
-
-impl PreviewSink for Preview<'_> {
+impl PreviewSink for WorkerHost<'_> {
     fn show(&self, glb: Vec<u8>) {
-        let (worker, path) = (self.worker, &self.taken.job.order.path);
-        match worker.place_of(path).and_then(|place| worker.baker.queue.show(self.taken, &glb, &place)) {
-            Ok(true) => worker.exchanged(path),
+        let (queue, request) = (&self.worker.baker.queue, &self.in_flight.job.request);
+        match self.worker.place_of(&request.path).and_then(|place| place.show(queue, request, &glb)) {
+            Ok(true) => self.worker.baker.tell(Event::Swapped(request.path.clone())),
             Ok(false) => {}
-            Err(error) => debug!("{path}: no preview: {error}"),
+            Err(error) => debug!("{}: no preview: {error}", request.path),
         }
     }
 }

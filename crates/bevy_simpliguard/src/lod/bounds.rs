@@ -1,8 +1,8 @@
 //! The bounding box of a model in scene space, from its most detailed level.
 //!
-//! The level and not the source, because its vertices are known in scene space: those of a static level are stored so,
-//! and those of a skinned one arrive there by skinning in the rest pose. The source's boxes are known per node only, and
-//! turned boxes add up to one too large; with `source: Drop` there are none.
+//! It is taken from the level and not from the source, because the level's vertices are known in scene space: those of
+//! a static level are stored in scene space, and those of a skinned level are skinned in the rest pose. The boxes of
+//! the source are known per node only, and the union of rotated boxes is too large. With `source: Drop` there are none.
 
 use bevy::math::{Mat4, Vec3};
 use gltf::Node;
@@ -39,8 +39,8 @@ pub(super) fn own(primitive: &gltf::Primitive<'_>) -> Bounds {
     Bounds { min: bounds.min.into(), max: bounds.max.into() }
 }
 
-/// The box of a primitive that `node` shows with its skin, in scene space in the rest pose. `None` if the primitive or the
-/// skin lacks what skinning takes.
+/// The box of a skinned primitive of `node`, in scene space and in the rest pose. `None` if data for skinning is
+/// missing.
 pub(super) fn skinned(
     document: &gltf::Document,
     node: &Node<'_>,
@@ -64,7 +64,7 @@ pub(super) fn skinned(
     Bounds::of(points)
 }
 
-/// From each node's space to the scene's, with all nodes where the file puts them.
+/// The transforms from the space of each node to the scene, in the rest pose.
 fn rest_pose(document: &gltf::Document) -> Vec<Mat4> {
     let local: Vec<Mat4> = document.nodes().map(|n| Mat4::from_cols_array_2d(&n.transform().matrix())).collect();
     let mut parent = vec![None; local.len()];
@@ -74,7 +74,7 @@ fn rest_pose(document: &gltf::Document) -> Vec<Mat4> {
         }
     }
     let world = |node: usize| {
-        // The loader refuses files with cycles after this; here they only must end.
+        // The loader refuses files with cycles later. Here the walk only has to end.
         let up = std::iter::successors(Some(node), |&n| parent[n]).take(local.len());
         up.fold(Mat4::IDENTITY, |below, n| local[n] * below)
     };

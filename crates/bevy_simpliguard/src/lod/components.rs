@@ -1,29 +1,29 @@
-//! What a game sees of the levels of detail: settings, the switch on each instance, and the groups behind it.
+//! The levels of detail as a game sees them: settings, the component on each instance, and the groups behind it.
 
 use bevy::ecs::entity::MapEntities;
 use bevy::prelude::*;
 
 use super::distance;
 
-/// How levels of detail are chosen, for the whole app. May change at any time.
+/// Settings of the selection of levels, for the whole app. They may change at any time.
 #[derive(Resource, Reflect, Clone, Debug, PartialEq)]
 #[reflect(Resource, Default, Clone, PartialEq)]
 pub struct LodSettings {
-    /// Largest error of a level in view, in physical pixels, above 0. A level's error is the distance that 95 % of both
-    /// surfaces, its own and the source's, stay within.
+    /// Largest error of a level in view, in physical pixels, above 0. The error of a level is the distance that 95 % of
+    /// both surfaces, its own and the source's, stay within.
     ///
-    /// The default is one pixel: a silhouette that moves by less is hidden by anti-aliasing. Games with many instances
-    /// try 2 next.
+    /// The default is one pixel: anti-aliasing hides smaller changes of a silhouette. For games with many instances, 2
+    /// is the next value to try.
     pub pixel_error: f32,
-    /// Length of the cross-fade into a level as a fraction of the distance at which it starts, from 0 to 1. 0 switches at
-    /// once, and saves the materials the `discard` that dithers a fade.
+    /// Length of the cross-fade into a level, as a fraction of the distance at which it starts, from 0 to 1. 0 switches
+    /// at once. Materials then need no `discard` for the dithering.
     pub fade: f32,
-    /// Factor on all switching distances, above 0: 2 keeps each level twice as far as the pixel error asks.
+    /// Factor on all switching distances, above 0. With 2, each level is kept twice as far as `pixel_error` asks.
     pub bias: f32,
-    /// Whether levels are used at all; if not, every instance shows its source.
+    /// True if levels are used. If not, every instance shows its source.
     pub enabled: bool,
-    /// The level that every instance shows at any distance, numbered as in [`SimpliguardLods::force`], which it overrides.
-    /// `None` leaves it to the instance.
+    /// The level that every instance shows at any distance, numbered as in [`SimpliguardLods::force`], which it
+    /// overrides. `None` leaves the selection to the instance.
     pub force: Option<u32>,
 }
 
@@ -35,25 +35,25 @@ impl Default for LodSettings {
 
 /// The levels of one model instance, on the entity with its [`WorldAssetRoot`].
 ///
-/// It is added to every instance that has levels, in the `PostUpdate` of the frame the instance is spawned in. A game
-/// that wants other values from the start spawns it with the instance; `force`, `bias` and `enabled` are kept when the
-/// model is reloaded.
+/// It is added to every instance that has levels, in the `PostUpdate` of the frame in which the instance is spawned. A
+/// game that needs other values from the start spawns it with the instance. `force`, `bias` and `enabled` are kept when
+/// the model is reloaded.
 ///
 /// [`WorldAssetRoot`]: bevy::world_serialization::WorldAssetRoot
 #[derive(Component, Reflect, Clone, Debug)]
 #[reflect(Component, Default, Clone)]
 pub struct SimpliguardLods {
-    /// The level to show at any distance: 0 is the source, `k` is `LOD<k>` of the file. Where the file has no such level
-    /// the next more detailed one is shown. `None` chooses by distance.
+    /// The level to show at any distance: 0 is the source, `k` is `LOD<k>` of the file. If the file has no such level,
+    /// the next more detailed one is shown. `None` selects by distance.
     pub force: Option<u32>,
-    /// Factor on the switching distances of this instance, above 0; it multiplies [`LodSettings::bias`].
+    /// Factor on the switching distances of this instance, above 0. It multiplies [`LodSettings::bias`].
     pub bias: f32,
-    /// Whether this instance uses its levels; if not, it shows its source.
+    /// True if this instance uses its levels. If not, it shows its source.
     pub enabled: bool,
-    /// The level in view, numbered as in `force`; the more visible of two during a cross-fade. Written by the plugin.
+    /// The level in view, numbered as in `force`. During a cross-fade, the one with more pixels. Written by the plugin.
     pub current: u32,
-    /// The levels in falling detail, the source first unless the file was baked without it. Written by the plugin; empty
-    /// while no model with levels is loaded.
+    /// The levels in falling detail. The source is the first, unless the file was baked without it. Written by the
+    /// plugin. Empty while no model with levels is loaded.
     #[entities]
     pub levels: Vec<LodLevel>,
 }
@@ -64,19 +64,19 @@ impl Default for SimpliguardLods {
     }
 }
 
-/// One level of a model: what it costs, how far it is off, and what draws it.
+/// One level of a model: its triangles, its error and its mesh entities.
 #[derive(Reflect, MapEntities, Clone, Debug, PartialEq)]
 pub struct LodLevel {
     /// Number in the file: 0 is the source, 1 has the smallest budget.
     pub level: u32,
-    /// Most triangles that were asked for; of the source, the number it has.
+    /// Largest number of triangles that was allowed. For the source, the number of its triangles.
     pub budget: u32,
-    /// Triangles.
+    /// Number of triangles.
     pub faces: u32,
     /// Distance that 95 % of both surfaces, the source's and the level's, stay within, as a fraction of the diagonal of
     /// the source's bounding box. 0 for the source.
     pub error: f32,
-    /// The primitives that draw it.
+    /// The mesh entities that draw it.
     #[entities]
     pub primitives: Vec<LodPrimitive>,
 }
@@ -87,45 +87,52 @@ pub struct LodPrimitive {
     /// The entity with the mesh.
     #[entities]
     pub entity: Entity,
-    /// Its mesh, for colliders, picking and the like.
+    /// Its mesh, for colliders, picking and so on.
     pub mesh: Handle<Mesh>,
-    /// Its triangles.
+    /// Number of its triangles.
     pub faces: u32,
 }
 
-/// All levels of one instance, which switch together. Stands on the scene's own root entity, the child of the one with
+/// All levels of one instance, which switch together. It is on the root entity of the scene, a child of the entity with
 /// [`SimpliguardLods`].
 #[derive(Component, Reflect, Clone, Debug)]
 #[reflect(Component, Clone)]
 pub struct LodGroup {
-    /// Centre of the bounding sphere in the space of this entity, in the rest pose: the point that distances are
-    /// measured to.
+    /// Centre of the bounding sphere in the space of this entity, in the rest pose. Distances are measured to it.
     pub center: Vec3,
     /// Radius of the bounding sphere, half the diagonal of the bounding box.
     pub radius: f32,
-    /// The levels in falling detail, the source first if the file holds it.
+    /// The levels in falling detail. The source is the first if the file contains it.
     #[entities]
     pub levels: Vec<LodLevel>,
 }
 
 impl LodGroup {
-    /// The distance from a perspective camera to the centre, in world units, at which the level in place `slot` of
-    /// `levels` starts to fade in. 0 for the first, which needs no distance.
+    /// The distance from a perspective camera to the centre, in world units, at which the level with the index `slot`
+    /// in `levels` starts to fade in. 0 for the first level.
     ///
-    /// `scale` is the largest scale of the instance, `height` that of the viewport in physical pixels, `fov` the vertical
-    /// field of view in radians. The bias of the instance is not in it.
-    pub fn switch_distance(&self, slot: usize, scale: f32, height: f32, fov: f32, settings: &LodSettings) -> f32 {
+    /// `scale` is the largest scale of the instance. The bias of the instance is not included.
+    pub fn switch_distance(&self, slot: usize, scale: f32, view: LodView, settings: &LodSettings) -> f32 {
         if slot == 0 {
             return 0.0;
         }
         let error = self.levels.iter().skip(1).take(slot).fold(0.0_f32, |worst, level| worst.max(level.error));
         let radius = self.radius * scale;
-        let from_sphere = distance::switch_distance(2.0 * radius * error, height, fov, settings.pixel_error);
+        let from_sphere = distance::switch_distance(2.0 * radius * error, view.height, view.fov, settings.pixel_error);
         from_sphere * settings.bias + radius
     }
 }
 
-/// Stands on every mesh entity of a [`LodGroup`], for picking and for glTF handlers that treat levels apart.
+/// The view of a perspective camera, for [`LodGroup::switch_distance`].
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LodView {
+    /// Height of the viewport in physical pixels.
+    pub height: f32,
+    /// Vertical field of view in radians.
+    pub fov: f32,
+}
+
+/// Marks every mesh entity of a [`LodGroup`], for picking and for glTF handlers that treat levels differently.
 #[derive(Component, Reflect, Clone, Debug)]
 #[reflect(Component, Clone)]
 pub struct LodMember {

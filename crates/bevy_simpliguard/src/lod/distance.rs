@@ -1,31 +1,31 @@
-//! Which level is fine enough: pure arithmetic, without Bevy's world.
+//! The selection of a level by distance: pure arithmetic, without Bevy's world.
 //!
-//! A camera that sees an object at a distance `d` draws one unit as `p = h / (2 d tan(fov / 2))` pixels, `h` being the
-//! viewport's height. A level whose surface is off by `e` units is used from the distance where `e p` falls to the
-//! allowed error in pixels. Distances count to the nearest point of the object's bounding sphere, so the bound holds
-//! for all of it, and not to the view plane, so that turning the camera switches nothing. An orthographic camera has
-//! one `p` for all distances.
+//! A camera at a distance `d` draws one unit as `p = h / (2 d tan(fov / 2))` pixels, where `h` is the height of the
+//! viewport. A level with an error of `e` units is used from the distance where `e p` falls to the allowed error in
+//! pixels. Distances are measured to the nearest point of the object's bounding sphere, so the bound holds for the
+//! whole object. They are not measured to the view plane, so that turning the camera switches no level. An orthographic
+//! camera has one `p` for all distances.
 
 use bevy::math::{Mat4, Vec3};
 
-/// How far back a camera must come before a level that was switched to at once is left again, as a fraction of the
-/// level's distance. Without it a camera at rest on the distance would flicker.
+/// Hysteresis of levels that switch without a fade, as a fraction of the level's distance: a camera must come closer by
+/// this much before the level is left again. Without it, levels would flicker at the distance itself.
 const HYSTERESIS: f32 = 0.05;
 
-/// Steps of a cross-fade: the renderer dithers in a pattern of 4 x 4 pixels.
+/// Number of steps of a cross-fade: the renderer dithers in a pattern of 4 x 4 pixels.
 pub(super) const FADE_STEPS: u8 = 16;
 
-/// Distance, in world units, at which an error of `error` world units is drawn `pixel_error` pixels long, with a viewport
-/// of `height` pixels and a vertical field of view of `fov` radians.
+/// Distance in world units at which an error of `error` world units is `pixel_error` pixels long, with a viewport of
+/// `height` pixels and a vertical field of view of `fov` radians.
 pub(super) fn switch_distance(error: f32, height: f32, fov: f32, pixel_error: f32) -> f32 {
     error * height / (2.0 * (0.5 * fov).tan() * pixel_error)
 }
 
-/// A camera, as far as sizes on the screen go.
+/// The properties of a camera that decide sizes on the screen.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct View {
     position: Vec3,
-    /// Pixels per world unit; for a perspective camera, at a distance of one unit.
+    /// Pixels per world unit. For a perspective camera, at a distance of one unit.
     scale: f32,
     is_perspective: bool,
 }
@@ -40,7 +40,7 @@ impl View {
         }
     }
 
-    /// Pixels per world unit at the nearest point of a sphere; the largest number if the camera is inside.
+    /// Pixels per world unit at the nearest point of a sphere. The largest number if the camera is inside.
     pub(super) fn pixels_per_unit(&self, center: Vec3, radius: f32) -> f32 {
         if !self.is_perspective {
             return self.scale;
@@ -53,17 +53,17 @@ impl View {
 /// A level that is used at some distance.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Rung {
-    /// Place of the level in its group.
+    /// Index of the level in its group.
     slot: usize,
-    /// Error that decides its distance, as a fraction of the object's diagonal; 0 for the first.
+    /// Error that decides its distance, as a fraction of the object's diagonal. 0 for the first.
     error: f32,
 }
 
-/// The levels that are used, in falling detail, from the errors of the group's levels in that order. The first stands
-/// for the object up close, whatever its error.
+/// The levels that are used, in falling detail. `errors` are those of the group's levels in the same order. The first
+/// level stands for the object up close, whatever its error is.
 ///
-/// Errors never fall along the result, and a level is left out if the next would take over before its own cross-fade
-/// has ended.
+/// Errors never fall along the result. A level is left out if the next one would begin before its own cross-fade has
+/// ended.
 pub(super) fn rungs(errors: impl IntoIterator<Item = f32>, fade: f32) -> Vec<Rung> {
     let mut reached = 0.0_f32;
     let mut all = Vec::new();
@@ -84,12 +84,12 @@ pub(super) fn rungs(errors: impl IntoIterator<Item = f32>, fade: f32) -> Vec<Run
     used
 }
 
-/// What of a group is drawn.
+/// The level, or the two levels, of a group that are drawn.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Choice {
-    /// The level in view, or the one that is fading out.
+    /// Index of the level in view, or of the one that is fading out.
     pub(super) slot: usize,
-    /// The level that is fading in, and how far it is: from 1 to 15 sixteenths.
+    /// Index of the level that is fading in, and the fraction of its pixels in sixteenths, from 1 to 15.
     pub(super) next: Option<(usize, u8)>,
 }
 
@@ -98,7 +98,7 @@ impl Choice {
         Self { slot, next: None }
     }
 
-    /// The level that has the most pixels.
+    /// Index of the level with the most pixels.
     pub(super) fn main(&self) -> usize {
         match self.next {
             Some((next, step)) if 2 * step >= FADE_STEPS => next,
@@ -107,11 +107,11 @@ impl Choice {
     }
 }
 
-/// The choice for an object whose diagonal is `size` pixels long. `current` is the level in view so far.
+/// Selects the level of an object whose diagonal is `size` pixels long. `current` is the level in view so far.
 pub(super) fn choose(rungs: &[Rung], size: f32, pixel_error: f32, fade: f32, current: usize) -> Choice {
     for pair in rungs.windows(2).rev() {
         let (finer, rung) = (pair[0], pair[1]);
-        // How far away the object is, in units of the distance at which this level starts.
+        // Distance of the object, in units of the distance at which this level starts.
         let ratio = pixel_error / (rung.error * size);
         let start = if fade == 0.0 && rung.slot <= current { 1.0 - HYSTERESIS } else { 1.0 };
         if ratio.is_nan() || ratio < start {

@@ -1,44 +1,45 @@
-//! How a member of a group is shown, hidden or dithered: with `VisibilityRange`s that hold at any distance.
+//! Fades: the members of a group are shown, hidden or dithered with `VisibilityRange`s that act alike at any distance.
 //!
-//! Bevy measures a [`VisibilityRange`] from the camera to each entity's own origin, on the processor to cull and in the
-//! vertex shader to dither. The origins of a model's parts differ from each other and from that of its levels, so real
-//! distances would make them switch one by one. Here the group's one choice is written into ranges instead: their
-//! margins are so long that no distance in a game moves the result. What is off screen, in shadow maps and in
-//! the render world follows from that as with any other range; `Visibility` stays the game's own.
+//! Bevy measures a [`VisibilityRange`] from the camera to the origin of each entity, on the CPU for culling and in the
+//! vertex shader for dithering. The parts of a model and its levels have different origins, so with real distances they
+//! would switch one by one. Here the ranges encode the group's one selection instead: their margins are so long that no
+//! distance in a game changes the result. Culling, shadow maps and the render world use them like any other range.
+//! `Visibility` is left to the game.
 //!
-//! There are 33 such ranges, which fit the smallest table of ranges that Bevy has (64 entries on WebGL 2).
+//! There are 33 such ranges. They fit into the smallest table of ranges that Bevy has (64 entries on WebGL 2).
 
 use bevy::camera::visibility::VisibilityRange;
 
 use super::distance::FADE_STEPS;
 
-/// Length of a margin: longer than any distance, and far from the largest `f32`.
+/// Length of a margin. It is longer than any distance, and far below the largest `f32`.
 const FAR: f32 = 1e30;
 
-/// What is to be seen of a member.
+/// The visible part of a member.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Show {
+    /// No pixels.
     Nothing,
-    /// All of it, by a material that is not made to dither.
+    /// All pixels, without dithering in the material.
     Solid,
-    /// All of it, by the material that also dithers: where fades occur, no other one has to be compiled when they start.
+    /// All pixels, with dithering in the material, so that no other material has to be compiled when a fade starts.
     Whole,
-    /// So many sixteenths of its pixels, from 1 to 15.
+    /// So many sixteenths of the pixels, from 1 to 15.
     FadeIn(u8),
-    /// All but so many sixteenths of its pixels: exactly those that `FadeIn` leaves out.
+    /// All but so many sixteenths of the pixels: exactly those that `FadeIn` leaves out.
     FadeOut(u8),
 }
 
 impl Show {
     /// The range that shows this at any distance.
     pub(super) fn range(self) -> VisibilityRange {
-        let part = |step: u8| FAR * f32::from(step) / f32::from(FADE_STEPS);
+        let offset = |step: u8| FAR * f32::from(step) / f32::from(FADE_STEPS);
         let (start_margin, end_margin) = match self {
             Self::Nothing => (FAR..FAR, FAR..FAR),
             Self::Solid => (-FAR..-FAR, FAR..FAR),
             Self::Whole => (-2.0 * FAR..-FAR, FAR..2.0 * FAR),
-            Self::FadeIn(step) => (-part(step)..FAR - part(step), 2.0 * FAR..3.0 * FAR),
-            Self::FadeOut(step) => (-3.0 * FAR..-2.0 * FAR, -part(step)..FAR - part(step)),
+            Self::FadeIn(step) => (-offset(step)..FAR - offset(step), 2.0 * FAR..3.0 * FAR),
+            Self::FadeOut(step) => (-3.0 * FAR..-2.0 * FAR, -offset(step)..FAR - offset(step)),
         };
         VisibilityRange { start_margin, end_margin, use_aabb: false }
     }
@@ -58,7 +59,8 @@ mod tests {
         offset + level.clamp(0, 16)
     }
 
-    /// Whether `visibility_range_dither` of bevy_pbr's `pbr_functions.wgsl` keeps a pixel with this threshold (0 to 15).
+    /// Tells whether `visibility_range_dither` of bevy_pbr's `pbr_functions.wgsl` keeps a pixel with this threshold (0
+    /// to 15).
     fn keeps(dither: i32, threshold: i32) -> bool {
         match dither {
             0 => true,

@@ -1,29 +1,29 @@
-//! What a combined file says about its levels: `MSFT_lod` on one node, and `extras.simpliguard` on the nodes it names.
+//! The levels in a combined file: `MSFT_lod` on one node, and `extras.simpliguard` on the nodes that it lists.
 
 use bevy::log::{debug, warn};
 use gltf::json::{Value, deserialize};
 use gltf::mesh::Mode;
 use serde::Deserialize;
 
-/// The levels of a file and the document they are in.
+/// The levels of a file, and its document.
 pub(super) struct LodFile {
     pub(super) document: gltf::Document,
-    /// The node with `MSFT_lod`.
+    /// Index of the node with `MSFT_lod`.
     pub(super) holder: usize,
-    /// Nodes whose meshes the levels stand for.
+    /// Indices of the nodes whose meshes the levels stand for.
     pub(super) replaces: Vec<usize>,
-    /// In falling detail; not empty.
+    /// The levels in falling detail. Not empty.
     pub(super) levels: Vec<FileLevel>,
 }
 
-/// A level as its node describes it.
+/// A level, as its node describes it.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct FileLevel {
     pub(super) node: usize,
     pub(super) level: u32,
     pub(super) budget: u32,
     pub(super) faces: u32,
-    /// As a fraction of the diagonal of the source's bounding box.
+    /// A fraction of the diagonal of the source's bounding box.
     pub(super) error: f32,
 }
 
@@ -42,7 +42,7 @@ struct Stamp {
 }
 
 impl LodFile {
-    /// The levels of a document; `None` if it has none, or only those of another tool.
+    /// The levels of a document. `None` if it has none, or only levels of another tool.
     pub(super) fn read(document: &gltf::Document, name: &str) -> Option<Self> {
         document.nodes().find_map(|holder| {
             let ids = level_nodes(holder.extension_value("MSFT_lod")?);
@@ -74,19 +74,19 @@ fn level_nodes(extension: &Value) -> Vec<usize> {
     ids.into_iter().flatten().filter_map(|id| usize::try_from(id.as_u64()?).ok()).collect()
 }
 
-/// What a level node says of itself; `None` if it is no level of ours, or one that cannot be used.
+/// The stamp of a level node. `None` if the node is no level of this program, or cannot be used.
 fn stamp(document: &gltf::Document, node: usize, name: &str) -> Option<Stamp> {
     let node = document.nodes().nth(node)?;
     let extras = node.extras().as_ref()?;
     let stamp = deserialize::from_str::<Extras>(extras.get()).ok()?.simpliguard;
     let is_usable = stamp.level > 0 && stamp.error.is_finite() && stamp.error >= 0.0 && node.mesh().is_some();
     if !is_usable {
-        warn!("{name}: node {} is a damaged level and left out; bake the model again", node.index());
+        warn!("{name}: node {} is a damaged level and is left out; bake the model again", node.index());
     }
     is_usable.then_some(stamp)
 }
 
-/// Triangles that a primitive draws.
+/// Number of triangles that a primitive draws.
 pub(super) fn faces(primitive: &gltf::Primitive<'_>) -> u32 {
     let positions = || primitive.get(&gltf::Semantic::Positions);
     let corners = primitive.indices().or_else(positions).map_or(0, |accessor| accessor.count());

@@ -1,11 +1,12 @@
 //! Builds the LOD group of a scene while Bevy's glTF loader builds the scene.
 //!
-//! Level nodes are in no scene, so the loader makes their meshes and materials but no entities. The handler spawns them
-//! under the scene's root, as the loader would, and writes [`LodGroup`] on that root.
+//! Level nodes are in no scene, so the loader creates their meshes and materials but no entities. The handler spawns
+//! them under the root of the scene, as the loader would do, and inserts [`LodGroup`] into that root.
 //!
-//! A level's mesh entity gets its material from the other glTF handlers, through the same hook as the source's: that of
-//! bevy_pbr, so that this crate need not depend on it, and those of a game with materials of its own. They are asked on
-//! copies in their first state: what a handler remembered of the file in other hooks, it does not know there.
+//! A mesh entity of a level gets its material from the other glTF handlers, through the same hook as the source: from
+//! the handler of bevy_pbr, so that this crate does not depend on it, and from those of a game with its own materials.
+//! The hook is called on copies of the handlers in their first state. State that a handler has collected in other hooks
+//! is missing there.
 
 use std::sync::Arc;
 
@@ -28,30 +29,30 @@ use super::fade::Show;
 use super::file::{self, FileLevel, LodFile};
 use super::mipmaps::Mipmaps;
 
-/// Settings of the loader that a file may override and that entities depend on.
+/// Defaults of the loader settings that entities depend on. A file may override them.
 #[derive(Clone, Copy, Default)]
 pub(super) struct LoaderDefaults {
     pub(super) convert_coordinates: GltfConvertCoordinates,
     pub(super) bounds_policy: GltfSkinnedMeshBoundsPolicy,
 }
 
-/// The handler. Bevy clones it for each file it loads.
+/// The handler. Bevy clones it for each file.
 #[derive(Clone)]
 pub(super) struct LodHandler {
     others: Vec<Box<dyn ErasedGltfExtensionHandler>>,
     defaults: LoaderDefaults,
-    /// For the textures of levels, unless they are to have none.
+    /// Makes mipmaps for the textures of levels. `None` if they are switched off.
     mipmaps: Option<Mipmaps>,
-    /// The levels of the file being loaded, if it has any.
+    /// The levels of the file that is being loaded, if it has any.
     file: Option<Arc<LodFile>>,
     /// Box of the most detailed level in scene space.
     bounds: Option<Bounds>,
-    /// Nodes of the scene being built.
+    /// Entities of the nodes of the scene that is being built.
     entities: HashMap<usize, Entity>,
 }
 
 impl LodHandler {
-    /// A handler that has `others` dress the levels.
+    /// A handler. `others` give the levels their materials.
     pub(super) fn new(
         others: Vec<Box<dyn ErasedGltfExtensionHandler>>,
         defaults: LoaderDefaults,
@@ -104,7 +105,7 @@ impl GltfExtensionHandler for LodHandler {
         async move {
             for (label, image) in images.into_iter().flatten() {
                 if let Some(image) = image.await {
-                    // In place of what the loader made of it.
+                    // Replaces the image of the loader.
                     context.add_labeled_asset(label.to_string(), image);
                 }
             }
@@ -126,7 +127,8 @@ impl GltfExtensionHandler for LodHandler {
     ) {
         let entities = std::mem::take(&mut self.entities);
         let (Some(file), Some(bounds)) = (self.file.clone(), self.bounds) else { return };
-        // Only the whole that the levels were made from: not a scene of some of its nodes, nor a level's own scene.
+        // Levels stand for all nodes that they were made from. A scene with only some of these nodes, or the scene of a
+        // single level, gets no group.
         if !std::iter::once(&file.holder).chain(&file.replaces).all(|node| entities.contains_key(node)) {
             return;
         }
@@ -136,7 +138,7 @@ impl GltfExtensionHandler for LodHandler {
     }
 }
 
-/// A scene to which levels are added.
+/// A scene that levels are added to.
 struct SceneBuilder<'a, 'c> {
     context: &'a mut LoadContext<'c>,
     world: &'a mut World,
@@ -166,7 +168,8 @@ impl SceneBuilder<'_, '_> {
         self.world.entity_mut(self.root).insert(group);
     }
 
-    /// What the loader made of the nodes in `replaces`. `None` if they have no meshes: the source was left out.
+    /// The source: the entities that the loader has spawned for the nodes in `replaces`. `None` if they have no meshes,
+    /// because the file was baked without the source.
     fn source(&self) -> Option<LodLevel> {
         let mut primitives = Vec::new();
         for &index in &self.file.replaces {
@@ -186,7 +189,7 @@ impl SceneBuilder<'_, '_> {
         is_there.then_some(LodLevel { level: 0, budget: faces, faces, error: 0.0, primitives })
     }
 
-    /// Spawns a level; `None`, with a warning, if its joints are not in this scene.
+    /// Spawns a level. `None`, with a warning, if its joints are not in this scene.
     fn spawn_level(&mut self, level: &FileLevel) -> Option<LodLevel> {
         let file = self.file;
         let node = file.node(level.node)?;
@@ -194,7 +197,7 @@ impl SceneBuilder<'_, '_> {
         let skin = match node.skin().map(|skin| self.bind(&skin)) {
             Some(None) => {
                 warn!(
-                    "{}: LOD{} hangs on joints outside of its scene and is left out",
+                    "{}: LOD{} is left out, because its joints are not in its scene",
                     self.context.path(),
                     level.level
                 );
@@ -216,8 +219,8 @@ impl SceneBuilder<'_, '_> {
         Some(SkinnedMesh { inverse_bindposes: self.context.get_label_handle(label.to_string()), joints })
     }
 
-    /// What weights the morph targets of a level: the node of the source that has as many, so that clips morph both, or
-    /// the default weights for ever if the source was left out.
+    /// The weights of the morph targets of a level: those of the source node with the same number of targets, so that
+    /// clips morph both. The default weights if the file was baked without the source.
     fn morph_weights(&self, mesh: &gltf::Mesh<'_>, primitive: &gltf::Primitive<'_>) -> Option<MeshMorphWeights> {
         let count = primitive.morph_targets().len();
         let has_as_many = |node: &gltf::Node<'_>| {
@@ -229,8 +232,8 @@ impl SceneBuilder<'_, '_> {
         (count > 0).then(driver).map(|driver| driver.map_or_else(at_rest, MeshMorphWeights::Reference))
     }
 
-    /// Spawns a primitive of a level under the scene's root, with all that the loader would give it. It is a member
-    /// before other handlers see it, so that they can tell it from the source.
+    /// Spawns a primitive of a level under the root of the scene, with all components that the loader would insert.
+    /// Inserts [`LodMember`] before other handlers are called, so that they can tell the level from the source.
     fn spawn_primitive(
         &mut self,
         (member, skin): (LodMember, Option<SkinnedMesh>),
@@ -242,12 +245,12 @@ impl SceneBuilder<'_, '_> {
         let handle: Handle<Mesh> = self.context.get_label_handle(label.to_string());
         let material = primitive.material();
         let name = format!("{}.{}", node.name().unwrap_or("LOD"), primitive.index());
-        let turn = turn(self.defaults.convert_coordinates);
+        let rotation = mesh_rotation(self.defaults.convert_coordinates);
         let weights = self.morph_weights(mesh, primitive);
         let mut entity = self.world.spawn((
             Mesh3d(handle.clone()),
-            Transform::from_rotation(turn),
-            aabb(bounds::own(primitive), turn),
+            Transform::from_rotation(rotation),
+            aabb(bounds::own(primitive), rotation),
             Name::new(name),
             ChildOf(self.root),
             member,
@@ -281,13 +284,14 @@ impl SceneBuilder<'_, '_> {
     }
 }
 
-/// The half turn that a loader which turns meshes to Bevy's forward gives their entities in return.
-fn turn(convert: GltfConvertCoordinates) -> Quat {
+/// The rotation of mesh entities. A loader that turns meshes to Bevy's forward direction gives their entities a half
+/// turn in return.
+fn mesh_rotation(convert: GltfConvertCoordinates) -> Quat {
     if convert.rotate_meshes { Quat::from_xyzw(0.0, 1.0, 0.0, 0.0) } else { Quat::IDENTITY }
 }
 
-/// The box of a mesh after `turn`, an identity or a half turn about y.
-fn aabb(bounds: Bounds, turn: Quat) -> Aabb {
-    let (a, b) = (turn * bounds.min, turn * bounds.max);
+/// The box of a mesh after a rotation, which is the identity or a half turn about y.
+fn aabb(bounds: Bounds, rotation: Quat) -> Aabb {
+    let (a, b) = (rotation * bounds.min, rotation * bounds.max);
     Aabb::from_min_max(a.min(b), a.max(b))
 }

@@ -1,8 +1,9 @@
-//! Mipmaps for the textures of levels. Textures of glTF files come without and Bevy makes none, so that a model in the
-//! distance, which is where levels are seen, would sparkle.
+//! Mipmaps for the textures of levels. Textures of glTF files have no mipmaps, and Bevy makes none. Without mipmaps, a
+//! distant model sparkles, and levels are seen from a distance.
 //!
-//! A box of 2 x 2 texels becomes one of the next mipmap: colours in linear light and by their alpha, normals as vectors. They
-//! are made while the file is loaded, beside the game, and take the place of the image that the loader made.
+//! The mean of 2 x 2 texels becomes one texel of the next mipmap: colours in linear light and weighted by alpha,
+//! normals as vectors. The mipmaps are made while the file is loaded, in parallel to the game. The result replaces the
+//! image of the loader.
 
 use std::array::from_fn;
 use std::sync::{Arc, LazyLock, Mutex, PoisonError};
@@ -20,9 +21,10 @@ use gltf::image::Source;
 use gltf::material::AlphaMode;
 use gltf::texture::{MinFilter, WrappingMode};
 
-/// Colours count at least so much where they are transparent: the sampler mixes them in at the edge.
+/// Smallest weight of a colour. Transparent texels count a little, because the sampler mixes them in at edges.
 const LEAST_ALPHA: f32 = 1.0 / 255.0;
-/// Steps of the table from linear light to bytes: less than one of a byte's, even in the dark.
+/// Number of steps of the table from linear light to bytes. They are smaller than the steps of a byte, even in the
+/// dark.
 const LIGHT_STEPS: usize = 4095;
 
 static LIGHT_OF_BYTE: LazyLock<[f32; 256]> =
@@ -32,20 +34,20 @@ static BYTE_OF_LIGHT: LazyLock<Vec<u8>> = LazyLock::new(|| {
     light.map(|light| to_byte(Srgba::gamma_function_inverse(light))).collect()
 });
 
-/// Makes the mipmaps of a file. Bevy clones it for each.
+/// Makes the mipmaps of a file. Bevy clones it for each file.
 #[derive(Clone)]
 pub(super) struct Mipmaps {
     default_sampler: Arc<Mutex<ImageSamplerDescriptor>>,
     sampler: ImageSamplerDescriptor,
-    /// It counts more than that of a texture.
+    /// True if the sampler replaces that of each texture.
     overrides: bool,
     usages: RenderAssetUsages,
-    /// Textures that have them, or are on the way to.
+    /// Textures whose mipmaps are done or on the way.
     begun: HashSet<usize>,
 }
 
 impl Mipmaps {
-    /// `default_sampler` is that of Bevy's loader.
+    /// `default_sampler` is the default of Bevy's loader.
     pub(super) fn new(default_sampler: Arc<Mutex<ImageSamplerDescriptor>>) -> Self {
         Self {
             default_sampler,
@@ -64,7 +66,8 @@ impl Mipmaps {
         self.usages = settings.load_materials;
     }
 
-    /// Begins the textures of a material of a level: the label of each, and the image to be.
+    /// Starts to make the mipmaps of a material of a level. Returns the label of each texture, and the task that makes
+    /// its image.
     pub(super) fn start(
         &mut self,
         material: &gltf::Material<'_>,
@@ -96,7 +99,7 @@ impl Mipmaps {
         Some((GltfAssetLabel::Texture(texture.index()), AsyncComputeTaskPool::get().spawn(image)))
     }
 
-    /// The sampler that Bevy's loader gives a texture; `None` for one that asks for no mipmaps, as those of levels do.
+    /// The sampler that Bevy's loader gives a texture. `None` if its sampler asks for no mipmaps; those of levels do.
     fn sampler_of(&self, sampler: &gltf::texture::Sampler<'_>) -> Option<ImageSamplerDescriptor> {
         let mut out = self.sampler.clone();
         if self.overrides {
@@ -116,16 +119,16 @@ impl Mipmaps {
     }
 }
 
-/// What a texture holds.
+/// The content of a texture.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Content {
     /// Colours, sRGB encoded.
     Colour,
-    /// The same, cut out where alpha is below this: as much of it stays as there was.
+    /// Colours, cut out where alpha is below this value. Mipmaps keep the fraction of texels above it.
     CutOut(f32),
     /// Unit vectors.
     Normals,
-    /// Numbers.
+    /// Linear numbers.
     Data,
 }
 
@@ -151,7 +154,7 @@ impl Content {
         matches!(self, Self::Colour | Self::CutOut(_))
     }
 
-    /// A texel as it can be averaged.
+    /// The value of a texel, in a form that can be averaged.
     fn read(self, texel: [u8; 4]) -> Vec4 {
         let [r, g, b, a] = texel.map(|byte| f32::from(byte) / 255.0);
         match self {
@@ -164,7 +167,7 @@ impl Content {
         }
     }
 
-    /// A mean as a texel, its alpha times `alpha`.
+    /// The texel of a mean value, with its alpha times `alpha`.
     fn write(self, mean: Vec4, alpha: f32) -> [u8; 4] {
         let (rgb, a) = (mean.truncate(), mean.w);
         match self {
@@ -183,7 +186,7 @@ fn to_byte(x: f32) -> u8 {
     (255.0 * x).round() as u8
 }
 
-/// The image with all its mipmaps; `None` if it has some, or not four bytes a texel.
+/// The image with all its mipmaps. `None` if it already has some, or does not have four bytes a texel.
 fn with_mipmaps(mut image: Image, content: Content) -> Option<Image> {
     let mut size = image.size();
     let data = image.data.as_mut()?;
@@ -198,32 +201,33 @@ fn with_mipmaps(mut image: Image, content: Content) -> Option<Image> {
         _ => None,
     };
     while size.max_element() > 1 {
-        mipmap = halved(&mipmap, size);
+        mipmap = half_resolution(&mipmap, size);
         size = (size / 2).max(UVec2::ONE);
-        let alpha = cut_out.map_or(1.0, |(least, part)| alpha_that_keeps(part, least, &mipmap));
+        let alpha = cut_out.map_or(1.0, |(least, fraction)| alpha_that_keeps(fraction, least, &mipmap));
         data.extend(mipmap.iter().flat_map(|&texel| content.write(texel, alpha)));
         image.texture_descriptor.mip_level_count += 1;
     }
     Some(image)
 }
 
-/// Means of 2 x 2 texels, or of two where an image is one texel wide or high.
-fn halved(texels: &[Vec4], size: UVec2) -> Vec<Vec4> {
+/// Means of 2 x 2 texels, or of two texels where an image is one texel wide or high.
+fn half_resolution(texels: &[Vec4], size: UVec2) -> Vec<Vec4> {
     let half = (size / 2).max(UVec2::ONE);
     let at = |x: u32, y: u32| texels[(y.min(size.y - 1) * size.x + x.min(size.x - 1)) as usize];
     let mean = |x: u32, y: u32| 0.25 * (at(x, y) + at(x + 1, y) + at(x, y + 1) + at(x + 1, y + 1));
     (0..half.y).flat_map(|y| (0..half.x).map(move |x| (x, y))).map(|(x, y)| mean(2 * x, 2 * y)).collect()
 }
 
-/// Factor on the alpha of a mipmap with which this part of it reaches `least`. At least one: what grows is not seen.
-fn alpha_that_keeps(part: f32, least: f32, texels: &[Vec4]) -> f32 {
+/// Factor on the alpha of a mipmap with which this fraction of its texels reaches `least`. At least one, because a
+/// larger cut-out is not seen.
+fn alpha_that_keeps(fraction: f32, least: f32, texels: &[Vec4]) -> f32 {
     let mut alphas: Vec<f32> = texels.iter().map(|texel| texel.w).collect();
-    let count = (part * alphas.len() as f32).round() as usize;
+    let count = (fraction * alphas.len() as f32).round() as usize;
     if count == 0 {
         return 1.0;
     }
     let (_, &mut last, _) = alphas.select_nth_unstable_by(count - 1, |a, b| b.total_cmp(a));
-    // Up to the byte above, so that it is not rounded off again.
+    // Up to the next byte, so that rounding does not remove it again.
     (((255.0 * least).floor() + 1.0) / 255.0 / last).max(1.0)
 }
 
@@ -301,7 +305,7 @@ mod tests {
             let kept = mipmap.iter().filter(|texel| texel[3] >= 128).count() as f32 / mipmap.len() as f32;
             assert!(kept >= 0.25, "{kept} of {} texels", mipmap.len());
         }
-        // As colours that blend they would be gone.
+        // As colours that blend they would disappear.
         assert!(mipmaps(Content::Colour, 64, blades)[2].iter().all(|texel| texel[3] == 64));
     }
 }

@@ -1,6 +1,6 @@
-//! Levels of detail in the running game: a baked file is loaded as any glTF, and its levels switch by themselves.
+//! Levels of detail in the running game. A baked file is loaded like any glTF, and its levels switch on their own.
 //!
-//! Nothing is to be done on the side of the game:
+//! The game loads its models as usual:
 //!
 //! ```no_run
 //! # use bevy::prelude::*;
@@ -15,27 +15,29 @@
 //! ```
 //!
 //! # How it works
-//! While the file is loaded, a glTF handler spawns the level nodes, which are in no scene, under the scene's root and
-//! writes a [`LodGroup`] on it. Each frame, one system takes each group's size on the screen, chooses a level by its
-//! measured error, and writes it into the [`VisibilityRange`]s of the group's mesh entities. Sizes are those of the frame,
-//! so zoom, window, render target and scale are always up to date.
+//! While the file is loaded, a glTF handler spawns the level nodes, which are in no scene, under the root of the scene
+//! and inserts a [`LodGroup`] there. Each frame, one system computes the size of each group on the screen, selects a
+//! level by its measured error, and writes it into the [`VisibilityRange`]s of the group's mesh entities. The sizes are
+//! those of the frame, so changes of zoom, window, render target and scale act at once.
 //!
-//! All members of a group follow one choice, taken at one point: parts whose origins lie apart switch together, and source
-//! and level are never seen together but in their cross-fade, where they share the pixels. Shadows follow the same choice.
-//! `Visibility` is not touched. Meshes and materials are those of the file, so instances batch level by level.
+//! One selection is made for the whole group. So parts with different origins switch together. Source and level are
+//! seen together only during a cross-fade, where they share the pixels. Shadows follow the same selection. `Visibility`
+//! is not changed. Meshes and materials are those of the file, so instances of the same level are batched.
 //!
-//! [`SimpliguardLods`] on an instance's root forces a level, shifts its distances or opts out, and lists the levels with
-//! their meshes. [`LodStats`] counts triangles.
+//! [`SimpliguardLods`] on the root of an instance forces a level, changes its distances or switches its levels off. It
+//! also lists the levels with their meshes. [`LodStats`] counts triangles.
 //!
 //! # Limits
-//! - With several active 3D cameras, all show the level of the one that asks for most detail, whatever render layers it has.
-//! - The bounding sphere is that of the rest pose and moves with the instance's entity, not with a clip's root motion.
-//! - A level stands for the whole scene. While a part of the source is hidden, or all of it but not the instance, the
-//!   instance shows its source. Parts that a game moves or gives other materials do not change in the levels.
-//! - Levels morph with the weights of the source's node; in a file without the source they keep the default ones.
-//! - Cross-fades need materials that dither for `VisibilityRange`s as `StandardMaterial` does. Under a camera with a
-//!   `DepthPrepass` and no other prepass, Bevy 0.19 writes opaque meshes into the depth buffer undithered, so a fade shows
-//!   the background through. [`LodSettings::fade`] 0 does without fades.
+//! - With several active 3D cameras, all cameras show the level of the one that needs the most detail, whatever its
+//!   render layers are.
+//! - The bounding sphere is that of the rest pose. It moves with the entity of the instance, not with the root motion
+//!   of a clip.
+//! - A level stands for the whole scene. While a part of the source is hidden, but not the instance itself, the
+//!   instance shows its source. If a game moves parts, or gives them other materials, the levels do not change.
+//! - Levels morph with the weights of the source's node. In a file without the source they keep the default weights.
+//! - Cross-fades need materials that dither for `VisibilityRange`s, as `StandardMaterial` does. With a camera that has
+//!   a `DepthPrepass` and no other prepass, Bevy 0.19 writes opaque meshes into the depth buffer without dithering, so
+//!   the background is seen through a fade. [`LodSettings::fade`] 0 switches fades off.
 //!
 //! [`VisibilityRange`]: bevy::camera::visibility::VisibilityRange
 
@@ -59,7 +61,7 @@ use bevy::prelude::*;
 use bevy::tasks::block_on;
 use bevy::transform::TransformSystems;
 
-pub use self::components::{LodGroup, LodLevel, LodMember, LodPrimitive, LodSettings, SimpliguardLods};
+pub use self::components::{LodGroup, LodLevel, LodMember, LodPrimitive, LodSettings, LodView, SimpliguardLods};
 use self::handler::{LoaderDefaults, LodHandler};
 use self::mipmaps::Mipmaps;
 pub use self::stats::{LodLevelStats, LodStats};
@@ -69,9 +71,9 @@ pub use self::stats::{LodLevelStats, LodStats};
 pub struct LodPlugin {
     /// The first value of the resource [`LodSettings`].
     pub settings: LodSettings,
-    /// Whether the textures of levels get mipmaps when they are loaded, so that levels in the distance do not sparkle. It
-    /// costs a third more of their memory, and loading decodes them a second time, on the threads of Bevy's
-    /// `AsyncComputeTaskPool`. They are filtered as the sampler of Bevy's `GltfPlugin` says.
+    /// True if the textures of levels get mipmaps when they are loaded, so that distant levels do not sparkle. Mipmaps
+    /// need a third more memory, and the textures are decoded a second time, on the threads of Bevy's
+    /// `AsyncComputeTaskPool`. They are filtered with the sampler of Bevy's `GltfPlugin`.
     pub mipmaps: bool,
 }
 
@@ -110,7 +112,8 @@ impl Plugin for LodPlugin {
             .add_observer(switch::detach);
     }
 
-    /// Registers the glTF handler here, where those of all other plugins are known: they give the levels their materials.
+    /// Registers the glTF handler, when the handlers of all other plugins are known: they give the levels their
+    /// materials.
     fn cleanup(&self, app: &mut App) {
         let defaults = app.get_added_plugins::<GltfPlugin>().first().map(|gltf| LoaderDefaults {
             convert_coordinates: gltf.convert_coordinates,

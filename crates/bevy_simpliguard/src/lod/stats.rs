@@ -1,37 +1,39 @@
-//! How many triangles the levels save, for an overlay or a log.
+//! Statistics: the triangles that the levels save, for an overlay or a log.
 
 use bevy::prelude::*;
 
 use super::components::LodGroup;
 use super::switch::LodState;
 
-/// What the instances with levels draw, counted anew each frame at the end of `PostUpdate`.
+/// Triangles that instances with levels draw, counted anew each frame at the end of `PostUpdate`.
 ///
-/// A mesh counts if some camera or shadow sees it, once however many do. Models without levels do not count.
+/// A mesh counts once if any camera or shadow sees it. Models without levels do not count.
 #[derive(Resource, Reflect, Clone, Debug, Default, PartialEq, Eq)]
 #[reflect(Resource, Default, Clone, PartialEq)]
 pub struct LodStats {
-    /// Instances with levels.
+    /// Number of instances with levels.
     pub groups: u32,
-    /// Those of them that something sees.
+    /// Number of these instances that a camera or shadow sees.
     pub visible_groups: u32,
     /// Triangles drawn.
     pub triangles: u64,
-    /// Triangles that the sources of the visible instances have; where a file holds no source, its most detailed level.
+    /// Triangles of the sources of the visible instances. For a file without the source, those of its most detailed
+    /// level.
     pub source_triangles: u64,
-    /// What is drawn of each level; the place is its number, 0 for the source.
+    /// Statistics of each level. The index is the number of the level, 0 for the source.
     pub levels: Vec<LodLevelStats>,
 }
 
-/// What is drawn of the levels with one number.
+/// Statistics of the levels with one number.
 #[derive(Reflect, Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct LodLevelStats {
-    /// Instances that show it. One that is cross-fading counts for both its levels.
+    /// Number of instances that show it. During a cross-fade, an instance counts for both levels.
     pub groups: u32,
     /// Triangles drawn.
     pub triangles: u64,
 }
 
+/// Counts the triangles of a frame.
 pub(super) fn count(
     mut stats: ResMut<'_, LodStats>,
     groups: Query<'_, '_, (&LodGroup, &LodState)>,

@@ -1,6 +1,7 @@
-//! The systems that choose a level for each group and show it.
+//! The systems that select a level for each group and show it.
 
 use bevy::camera::visibility::VisibilityRange;
+use bevy::ecs::system::SystemParam;
 use bevy::prelude::*;
 use bevy::world_serialization::WorldAssetRoot;
 
@@ -8,17 +9,17 @@ use super::components::{LodGroup, LodLevel, LodMember, LodSettings, SimpliguardL
 use super::distance::{Choice, Rung, View, choose, rungs};
 use super::fade::Show;
 
-/// What the systems remember of a group.
+/// The state of a group between frames.
 #[derive(Component)]
 pub(super) struct LodState {
     /// The entity with [`SimpliguardLods`].
     root: Entity,
     rungs: Vec<Rung>,
-    /// What is shown; `None` before the first choice.
+    /// The levels that are shown. `None` before the first selection.
     choice: Option<Choice>,
-    /// Something hides a part of the source, so that no level can stand for it.
+    /// True if a part of the source is hidden, so that no level can stand for it.
     is_source_cut: bool,
-    /// Whether that has to be looked at again.
+    /// True if `is_source_cut` has to be computed again.
     is_source_changed: bool,
 }
 
@@ -28,7 +29,7 @@ impl LodState {
     }
 }
 
-/// Gives each group of a scene that was just spawned its state, and its root [`SimpliguardLods`].
+/// Inserts the state into each group of a scene that was just spawned, and [`SimpliguardLods`] into the root.
 pub(super) fn attach(
     mut commands: Commands<'_, '_>,
     groups: Query<'_, '_, (Entity, Option<&ChildOf>), Added<LodGroup>>,
@@ -47,7 +48,7 @@ pub(super) fn attach(
     }
 }
 
-/// Empties what [`SimpliguardLods`] says of a group that goes, as when its model is reloaded.
+/// Empties [`SimpliguardLods`] when its group is removed, for instance because the model is reloaded.
 pub(super) fn detach(
     event: On<'_, '_, Remove, LodGroup>,
     states: Query<'_, '_, &LodState>,
@@ -60,7 +61,7 @@ pub(super) fn detach(
     }
 }
 
-/// Notes which groups have parts of their source that were hidden or shown.
+/// Marks the groups whose source has parts that were hidden or shown.
 pub(super) fn note_hidden_parts(
     members: Query<'_, '_, &LodMember, Changed<InheritedVisibility>>,
     mut groups: Query<'_, '_, &mut LodState>,
@@ -72,34 +73,54 @@ pub(super) fn note_hidden_parts(
     }
 }
 
-/// Chooses the level of each group and shows it.
+/// The cameras, and the views of the active ones.
+#[derive(SystemParam)]
+pub(super) struct Cameras<'w, 's> {
+    cameras: Query<'w, 's, (&'static Camera, &'static GlobalTransform), With<Camera3d>>,
+    /// Kept between frames for its memory.
+    views: Local<'s, Vec<View>>,
+}
+
+impl Cameras<'_, '_> {
+    fn views(&mut self) -> &[View] {
+        self.views.clear();
+        self.views.extend(self.cameras.iter().filter_map(view));
+        &self.views
+    }
+}
+
+/// The mesh entities of all groups.
+#[derive(SystemParam)]
+pub(super) struct Members<'w, 's> {
+    visibility: Query<'w, 's, &'static InheritedVisibility>,
+    ranges: Query<'w, 's, &'static mut VisibilityRange>,
+}
+
+/// Selects the level of each group and shows it.
 pub(super) fn switch_levels(
     settings: Res<'_, LodSettings>,
-    cameras: Query<'_, '_, (&Camera, &GlobalTransform), With<Camera3d>>,
+    mut cameras: Cameras<'_, '_>,
     mut groups: Query<'_, '_, (&LodGroup, &mut LodState, &GlobalTransform, Option<Ref<'_, InheritedVisibility>>)>,
     mut lods: Query<'_, '_, &mut SimpliguardLods>,
-    visibility: Query<'_, '_, &InheritedVisibility>,
-    mut ranges: Query<'_, '_, &mut VisibilityRange>,
-    mut views: Local<'_, Vec<View>>,
+    mut members: Members<'_, '_>,
 ) {
-    views.clear();
-    views.extend(cameras.iter().filter_map(view));
+    let selection = Selection { settings: &settings, views: cameras.views() };
     let fade = settings.fade.clamp(0.0, 1.0);
     for (group, mut state, transform, shown) in &mut groups {
         let mut lods = lods.get_mut(state.root).ok();
         let is_shown = shown.as_ref().is_none_or(|v| v.get());
         if state.is_source_changed || shown.is_some_and(|v| v.is_changed()) {
             state.is_source_changed = false;
-            state.is_source_cut = is_shown && is_cut(&group.levels, &visibility);
+            state.is_source_cut = is_shown && is_cut(&group.levels, &members.visibility);
         }
         let is_fresh = state.choice.is_none() || settings.is_changed();
         if is_fresh {
             state.rungs = rungs(group.levels.iter().map(|level| level.error), fade);
         }
-        let choice = wanted(group, &state, transform, &settings, lods.as_deref(), &views);
+        let choice = selection.choice(group, &state, transform, lods.as_deref());
         if is_fresh || state.choice != Some(choice) {
             state.choice = Some(choice);
-            show(&group.levels, choice, fade > 0.0, &mut ranges);
+            show(&group.levels, choice, fade > 0.0, &mut members.ranges);
         }
         if let Some(lods) = &mut lods {
             report(group, choice, lods);
@@ -107,55 +128,63 @@ pub(super) fn switch_levels(
     }
 }
 
-/// An active camera with something to draw on.
+/// The view of an active camera with a render target.
 fn view((camera, transform): (&Camera, &GlobalTransform)) -> Option<View> {
     let height = camera.physical_viewport_size().filter(|_| camera.is_active)?.y;
     Some(View::new(transform.translation(), camera.clip_from_view(), height as f32))
 }
 
-/// Whether a part of the source is hidden. Asked only while the group as a whole is not.
+/// Tells whether a part of the source is hidden. Only meaningful while the group as a whole is shown.
 fn is_cut(levels: &[LodLevel], visibility: &Query<'_, '_, &InheritedVisibility>) -> bool {
     let source = levels.first().filter(|level| level.level == 0);
     let mut parts = source.into_iter().flat_map(|level| &level.primitives);
     parts.any(|part| visibility.get(part.entity).is_ok_and(|v| !v.get()))
 }
 
-fn wanted(
-    group: &LodGroup,
-    state: &LodState,
-    transform: &GlobalTransform,
-    settings: &LodSettings,
-    lods: Option<&SimpliguardLods>,
-    views: &[View],
-) -> Choice {
-    let (force, bias, enabled) = lods.map_or((None, 1.0, true), |l| (l.force, l.bias, l.enabled));
-    if !settings.enabled || !enabled || state.is_source_cut {
-        return Choice::only(0);
-    }
-    if let Some(number) = settings.force.or(force) {
-        return Choice::only(forced(&group.levels, number));
-    }
-    let current = state.choice.unwrap_or(Choice::only(0));
-    if views.is_empty() {
-        return current;
-    }
-    let affine = transform.affine();
-    let axes = [affine.matrix3.x_axis, affine.matrix3.y_axis, affine.matrix3.z_axis];
-    let radius = group.radius * axes.map(|axis| axis.length_squared()).into_iter().fold(0.0, f32::max).sqrt();
-    let center = affine.transform_point3(group.center);
-    let pixels = views.iter().map(|view| view.pixels_per_unit(center, radius)).fold(0.0, f32::max);
-    // A bias on distances is one on sizes: the object counts as so much closer.
-    let size = (2.0 * radius * pixels * (settings.bias * bias).max(0.0)).min(f32::MAX);
-    choose(&state.rungs, size, settings.pixel_error, settings.fade.clamp(0.0, 1.0), current.main())
+/// The conditions that decide on levels.
+struct Selection<'a> {
+    settings: &'a LodSettings,
+    views: &'a [View],
 }
 
-/// Place of the level with this number, or of the next more detailed one.
+impl Selection<'_> {
+    /// The level for a group.
+    fn choice(
+        &self,
+        group: &LodGroup,
+        state: &LodState,
+        transform: &GlobalTransform,
+        lods: Option<&SimpliguardLods>,
+    ) -> Choice {
+        let (force, bias, enabled) = lods.map_or((None, 1.0, true), |l| (l.force, l.bias, l.enabled));
+        if !self.settings.enabled || !enabled || state.is_source_cut {
+            return Choice::only(0);
+        }
+        if let Some(number) = self.settings.force.or(force) {
+            return Choice::only(forced(&group.levels, number));
+        }
+        let current = state.choice.unwrap_or(Choice::only(0));
+        if self.views.is_empty() {
+            return current;
+        }
+        let affine = transform.affine();
+        let axes = [affine.matrix3.x_axis, affine.matrix3.y_axis, affine.matrix3.z_axis];
+        let radius = group.radius * axes.map(|axis| axis.length_squared()).into_iter().fold(0.0, f32::max).sqrt();
+        let center = affine.transform_point3(group.center);
+        let pixels = self.views.iter().map(|view| view.pixels_per_unit(center, radius)).fold(0.0, f32::max);
+        // A bias on distances is one on sizes: the object counts as so much closer.
+        let size = (2.0 * radius * pixels * (self.settings.bias * bias).max(0.0)).min(f32::MAX);
+        choose(&state.rungs, size, self.settings.pixel_error, self.settings.fade.clamp(0.0, 1.0), current.main())
+    }
+}
+
+/// Index of the level with this number, or of the next more detailed one.
 fn forced(levels: &[LodLevel], number: u32) -> usize {
     let is_enough = |level: &LodLevel| number > 0 && level.level >= number;
     levels.iter().rposition(is_enough).unwrap_or(0)
 }
 
-/// Shows what was chosen, and nothing else of the group.
+/// Shows the selected levels, and hides all others of the group.
 fn show(levels: &[LodLevel], choice: Choice, can_fade: bool, ranges: &mut Query<'_, '_, &mut VisibilityRange>) {
     let whole = if can_fade { Show::Whole } else { Show::Solid };
     for (slot, level) in levels.iter().enumerate() {
@@ -174,7 +203,7 @@ fn show(levels: &[LodLevel], choice: Choice, can_fade: bool, ranges: &mut Query<
     }
 }
 
-/// Writes what a game reads, where it differs.
+/// Updates the component that a game reads, if it differs.
 fn report(group: &LodGroup, choice: Choice, lods: &mut Mut<'_, SimpliguardLods>) {
     if lods.levels.is_empty() {
         lods.levels.clone_from(&group.levels);

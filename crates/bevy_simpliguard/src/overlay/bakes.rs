@@ -5,32 +5,32 @@ use std::time::Duration;
 use bevy::asset::AssetPath;
 use bevy::prelude::*;
 
-use super::panel::{DIM, TEXT, text};
-use super::{OverlaySettings, is_visible};
+use super::settings::OverlaySettings;
+use super::style::{DIM, TEXT, text};
 use crate::bake::{BakeStatus, Bakes};
 
-/// Most models that are listed; of the others there is the number.
+/// Largest number of models in the list. Of the others, only the number is shown.
 const ROWS: usize = 8;
 
-/// Time after the last bake for which the list stays. Failures stay until they are mended.
+/// Time for which the list stays after the last bake. Failures stay until they are corrected.
 const LINGER: Duration = Duration::from_secs(5);
 
 const RUNNING: Color = Color::srgb(0.97, 0.79, 0.40);
 const DONE: Color = Color::srgb(0.45, 0.78, 0.50);
 const FAILED: Color = Color::srgb(0.95, 0.48, 0.40);
 
-/// The part of the panel with the list, and what it shows.
+/// The list in the panel, and its content.
 #[derive(Component, Default)]
 pub(super) struct BakeList {
     shown: List,
-    /// When bakes last changed, from the start of the game.
+    /// Time of the last change of bakes, from the start of the game.
     changed: Option<Duration>,
 }
 
 #[derive(Default, PartialEq)]
 struct List {
     rows: Vec<Row>,
-    /// Models that there is no room for.
+    /// Number of models without a row.
     more: usize,
 }
 
@@ -48,11 +48,8 @@ enum State {
     Done { tenths: u64 },
 }
 
-pub(super) fn build(app: &mut App) {
-    app.add_systems(Update, list.run_if(is_visible).after(super::panel::rebuild));
-}
-
-fn list(
+/// Updates the list.
+pub(super) fn list(
     mut commands: Commands<'_, '_>,
     list: Single<'_, '_, (Entity, &mut BakeList, &mut Node)>,
     bakes: Option<Res<'_, Bakes>>,
@@ -79,7 +76,7 @@ impl List {
             .filter_map(|(path, status)| Some(Row { path: path.to_string(), state: State::of(status)? }))
             .filter(|row| is_busy || matches!(row.state, State::Failed(_)))
             .collect();
-        // Not by progress: rows keep their places while they bake.
+        // Rows are not sorted by progress, so that they keep their places during a bake.
         rows.sort_by_key(|row| match row.state {
             State::Baking { .. } => 0,
             State::Failed(_) => 1,
@@ -107,7 +104,7 @@ impl List {
 }
 
 impl State {
-    /// `None` for what needs no row: a result that the cache had.
+    /// `None` for a result from the cache, which needs no row.
     fn of(status: &BakeStatus) -> Option<Self> {
         match status {
             BakeStatus::Queued => Some(Self::Queued),

@@ -1,4 +1,4 @@
-//! What the panel says about drawing.
+//! The figures in the panel: triangles, frame time and levels.
 
 use std::time::Duration;
 
@@ -6,10 +6,10 @@ use bevy::prelude::*;
 
 use crate::lod::{LodGroup, LodSettings, LodStats};
 
-/// Time over which frame times are averaged: shorter ones cannot be read.
+/// Time over which frame times are averaged. Numbers that change faster cannot be read.
 const WINDOW: Duration = Duration::from_millis(250);
 
-/// The line with triangles and frame time, and the mean of the frames since it was last changed.
+/// The line with triangles and frame time. It shows the mean of the frames in the last window.
 #[derive(Component, Default)]
 pub(super) struct Figures {
     frames: u32,
@@ -17,16 +17,16 @@ pub(super) struct Figures {
     shown: Option<Duration>,
 }
 
-/// The line that says how levels are chosen.
+/// The line that tells how levels are selected.
 #[derive(Component)]
 pub(super) struct Mode;
 
-/// The legend's entry for the level with this number.
+/// The entry of the legend for the level with this number.
 #[derive(Component)]
 pub(super) struct LegendEntry(pub(super) u32);
 
 impl Figures {
-    /// Takes in a frame. Where one alone is longer than the window, each is shown.
+    /// Adds a frame. Frames that are longer than the window are shown one by one.
     fn add(&mut self, frame: Duration) {
         self.frames += 1;
         self.elapsed += frame;
@@ -37,6 +37,7 @@ impl Figures {
     }
 }
 
+/// Updates the line with triangles and frame time.
 pub(super) fn figures(
     line: Single<'_, '_, (&mut Figures, &mut Text)>,
     stats: Res<'_, LodStats>,
@@ -48,7 +49,7 @@ pub(super) fn figures(
     text.set_if_neq(Text(format!("{}   {frame}", triangles(&stats))));
 }
 
-/// Models without levels are counted nowhere.
+/// The text about triangles. Models without levels are not counted.
 fn triangles(stats: &LodStats) -> String {
     let (drawn, source) = (stats.triangles, stats.source_triangles);
     if source == 0 {
@@ -58,7 +59,7 @@ fn triangles(stats: &LodStats) -> String {
     format!("{} of {} triangles ({percent:.1} %)", thousands(drawn), thousands(source))
 }
 
-/// Shows the levels that some instance has, and how many instances in view show each.
+/// Shows the levels that the instances have, and the number of instances in view that show each level.
 pub(super) fn legend(
     mut entries: Query<'_, '_, (&LegendEntry, &mut Node, &Children)>,
     mut texts: Query<'_, '_, &mut Text>,
@@ -81,6 +82,7 @@ pub(super) fn legend(
     }
 }
 
+/// Updates the line that tells how levels are selected.
 pub(super) fn mode(mut text: Single<'_, '_, &mut Text, With<Mode>>, settings: Res<'_, LodSettings>) {
     let line = match settings.force {
         _ if !settings.enabled => "levels off: the source everywhere".into(),
@@ -91,7 +93,7 @@ pub(super) fn mode(mut text: Single<'_, '_, &mut Text, With<Mode>>, settings: Re
     text.set_if_neq(Text(line));
 }
 
-/// `number` with a comma between groups of three digits.
+/// Formats a number with a comma between groups of three digits.
 pub fn thousands(number: u64) -> String {
     let digits = number.to_string();
     let mut text = String::with_capacity(digits.len() * 4 / 3);

@@ -1,12 +1,13 @@
-//! The keys that show the panel and choose levels.
+//! The keys that show the panel and select levels.
 
 use bevy::prelude::*;
 
-use super::OverlaySettings;
+use super::settings::OverlaySettings;
 use crate::lod::LodSettings;
 
 const BIASES: [f32; 4] = [1.0, 2.0, 4.0, 0.5];
 
+/// Handles the keys.
 pub(super) fn press(
     pressed: Res<'_, ButtonInput<KeyCode>>,
     mut overlay: ResMut<'_, OverlaySettings>,

@@ -1,24 +1,25 @@
-//! The panel's entities: made when it is shown, gone when it is hidden.
+//! The entities of the panel. They exist only while the panel is shown.
 
 use bevy::prelude::*;
 
+#[cfg(feature = "bake")]
+use super::bakes::BakeList;
 use super::figures::{Figures, LegendEntry, Mode};
-use super::{LEVELS, OverlayCorner, OverlaySettings, level_color};
+use super::levels::{LEVELS, level_color};
+use super::settings::{OverlayCorner, OverlaySettings};
+use super::style::{DIM, TEXT, text};
 
-/// Over everything that a game shows, and below Bevy's own overlay.
+/// Above everything that a game shows, and below Bevy's own overlay.
 const Z: i32 = i32::MAX - 64;
 
-/// Distance from the window's edges in logical pixels.
+/// Distance from the edges of the window in logical pixels.
 const MARGIN: f32 = 14.0;
-
-pub(super) const TEXT: Color = Color::srgb(0.94, 0.94, 0.92);
-pub(super) const DIM: Color = Color::srgb(0.70, 0.71, 0.72);
 
 /// The panel.
 #[derive(Component)]
 pub(super) struct Panel;
 
-/// Takes the panel away, and makes it again if it is to be seen.
+/// Removes the panel, and spawns it anew if it is visible.
 pub(super) fn rebuild(
     mut commands: Commands<'_, '_>,
     settings: Res<'_, OverlaySettings>,
@@ -53,7 +54,7 @@ fn spawn(commands: &mut Commands<'_, '_>, settings: &OverlaySettings) {
         panel.spawn((Mode, text("", 0.9 * size, DIM)));
         #[cfg(feature = "bake")]
         panel.spawn((
-            super::bakes::BakeList::default(),
+            BakeList::default(),
             Node {
                 flex_direction: FlexDirection::Column,
                 row_gap: px(0.25 * size),
@@ -64,6 +65,7 @@ fn spawn(commands: &mut Commands<'_, '_>, settings: &OverlaySettings) {
     });
 }
 
+/// A node in a corner of the window.
 fn at(corner: OverlayCorner) -> Node {
     let margin = px(MARGIN);
     let (left, right) = match corner {
@@ -75,10 +77,6 @@ fn at(corner: OverlayCorner) -> Node {
         OverlayCorner::BottomLeft | OverlayCorner::BottomRight => (auto(), margin),
     };
     Node { position_type: PositionType::Absolute, left, right, top, bottom, ..default() }
-}
-
-pub(super) fn text(text: &str, size: f32, color: Color) -> impl Bundle + use<> {
-    (Text::new(text), TextFont::from_font_size(size), TextColor(color))
 }
 
 fn legend_entry(level: u32, size: f32) -> impl Bundle {

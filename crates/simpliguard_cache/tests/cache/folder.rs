@@ -1,18 +1,23 @@
-//! Caches to test with.
+//! Caches for the tests.
 
 use std::fs::{self, File};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, SystemTime};
 
-use simpliguard_cache::{Cache, Entry, Key, KeyBuilder};
+use simpliguard_cache::{Cache, Entry, Flight, Key, KeyBuilder};
 
 pub(crate) fn key(name: &str) -> Key {
-    KeyBuilder::new("test").settings(name.as_bytes()).finish()
+    KeyBuilder::new("test").params(&name).finish()
 }
 
 pub(crate) fn entry() -> Entry {
     let objects = vec![("a.glb".to_owned(), vec![7; 3000]), ("report.json".to_owned(), b"{}".to_vec())];
-    Entry { made_by: "cpu".into(), objects }
+    Entry { objects }
+}
+
+/// A request that is never cancelled, and whose notices are ignored.
+pub(crate) fn flight(key: &Key) -> Flight<'_> {
+    Flight { key, is_cancelled: &|| false, notify: &|_| {} }
 }
 
 pub(crate) fn filled(dir: &Path) -> Cache {
@@ -28,7 +33,7 @@ pub(crate) fn files(folder: &Path) -> Vec<PathBuf> {
     paths.flat_map(|p| if p.is_dir() { files(&p) } else { vec![p] }).collect()
 }
 
-/// Makes everything in a cache older.
+/// Makes all files of a cache older.
 pub(crate) fn age(cache: &Cache, by: Duration) {
     for path in files(cache.root()) {
         let file = File::options().append(true).open(path).expect("opens");
@@ -37,7 +42,7 @@ pub(crate) fn age(cache: &Cache, by: Duration) {
     }
 }
 
-/// When a file was written or last used.
+/// The time of the last recorded use of a file.
 pub(crate) fn modified(path: &Path) -> SystemTime {
     fs::metadata(path).and_then(|data| data.modified()).expect("has a time")
 }

@@ -1,4 +1,4 @@
-//! Files and folders of others, in and around a cache.
+//! Files and folders of other programs, in and around a cache.
 
 use std::collections::BTreeMap;
 use std::fs::{self, File};
@@ -8,14 +8,13 @@ use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::thread;
 use std::time::{Duration, SystemTime};
 
-use simpliguard::{Cancellation, StageStore};
-use simpliguard_cache::{Cache, Lookup, Once, StorageError};
+use simpliguard_cache::{Cache, Lookup, SingleFlight, StorageError};
 
-use crate::folder::{age, entry, files, filled, key, modified};
+use crate::folder::{age, entry, files, filled, flight, key, modified};
 
 const DAY: Duration = Duration::from_secs(24 * 3600);
 
-/// Writes a file of the user, which nobody has touched for a month.
+/// Writes a file of the user that is a month old.
 fn old_file(path: PathBuf) {
     fs::create_dir_all(path.parent().expect("in a folder")).expect("makes");
     fs::write(&path, path.display().to_string()).expect("writes");
@@ -23,7 +22,7 @@ fn old_file(path: PathBuf) {
     file.set_modified(SystemTime::now() - 30 * DAY).expect("sets the time");
 }
 
-/// Files in folders that are named as those of a cache, some of them as a git repository has them.
+/// Files in folders with the names of a cache's folders, some of them as in a git repository.
 fn old_tree(root: &Path) {
     for folder in ["results", "objects", "stages", "locks", "quarantine"] {
         let names = ["plot.csv", "ab/notes.txt", "pack/pack-1.idx", ".simpliguard-x.tmp"].map(str::to_owned);
@@ -42,28 +41,28 @@ fn snapshot(folder: &Path) -> BTreeMap<PathBuf, (Vec<u8>, SystemTime)> {
     files(folder).into_iter().map(content).collect()
 }
 
-/// Everything that a cache can do with its folder.
+/// Calls every operation of a cache.
 fn use_in_every_way(cache: &Cache) {
     let _ = cache.put(&key("k"), &entry());
-    StageStore::put(cache, &key("stage"), b"object");
+    cache.put_stage_object(&key("stage"), b"object");
     let make = || cache.put(&key("other"), &entry());
-    let _ = cache.once(&key("other"), &Cancellation::default(), |_| {}, || None::<()>, make);
-    let _ = (cache.get(&key("k")), StageStore::get(cache, &key("stage")), cache.verify());
+    let _ = cache.single_flight(&flight(&key("other")), || None::<()>, make);
+    let _ = (cache.get(&key("k")), cache.get_stage_object(&key("stage")), cache.verify());
     let _ = (cache.collect(0), cache.clear(), cache.put(&key("k"), &entry()));
 }
 
-/// Nothing is found in the cache, and nothing can be stored; what is the matter.
+/// Asserts that nothing is found and nothing can be stored. Returns the error.
 fn refusal(cache: &Cache) -> String {
     let before = snapshot(cache.root());
     let error = cache.put(&key("new"), &entry()).expect_err("is somebody else's");
     assert!(matches!(error, StorageError::Foreign { .. }), "{error}");
     assert!(matches!(cache.get(&key("k")), Lookup::Miss));
-    assert_eq!(StageStore::get(cache, &key("stage")), None);
+    assert_eq!(cache.get_stage_object(&key("stage")), None);
     assert!(cache.collect(0).is_err() && cache.clear().is_err() && cache.check().is_err());
     assert_eq!((cache.usage().bytes, cache.verify().checked.files), (0, 0));
-    // A bake goes on without.
-    let once = cache.once(&key("k"), &Cancellation::default(), |_| {}, || None, || Ok::<_, ()>(1));
-    assert_eq!(once, Ok(Once::Made(1)));
+    // A bake goes on without the cache.
+    let outcome = cache.single_flight(&flight(&key("k")), || None, || Ok::<_, ()>(1));
+    assert_eq!(outcome, Ok(SingleFlight::Made(1)));
     use_in_every_way(cache);
     assert_eq!(snapshot(cache.root()), before);
     error.to_string()
@@ -117,9 +116,9 @@ fn foreign_files_in_the_folder_of_the_cache_stay() {
 fn clearing_leaves_no_empty_folders() {
     let dir = tempfile::tempdir().expect("tempdir");
     let cache = filled(dir.path());
-    StageStore::put(&cache, &key("stage"), b"object");
+    cache.put_stage_object(&key("stage"), b"object");
     fs::write(&files(&cache.folder().join("stages"))[0], b"rot").expect("writes");
-    assert_eq!(StageStore::get(&cache, &key("stage")), None);
+    assert_eq!(cache.get_stage_object(&key("stage")), None);
     fs::write(cache.folder().join(".simpliguard-x.tmp"), b"half").expect("writes");
     cache.clear().expect("removes");
     assert_eq!(fs::read_dir(cache.root()).expect("lists").count(), 0);
@@ -154,7 +153,7 @@ fn a_folder_that_somebody_else_has_made_is_not_used() {
 fn a_cache_that_lost_its_marker_is_not_touched_any_more() {
     let dir = tempfile::tempdir().expect("tempdir");
     let cache = filled(dir.path());
-    StageStore::put(&cache, &key("stage"), b"object");
+    cache.put_stage_object(&key("stage"), b"object");
     age(&cache, DAY);
     fs::remove_file(cache.folder().join("CACHEDIR.TAG")).expect("removes");
     refusal(&cache);
@@ -216,10 +215,10 @@ fn a_folder_that_is_being_made_never_looks_like_somebody_elses() {
                     }
                 });
             }
-            StageStore::put(&cache, &key("stage"), b"object");
+            cache.put_stage_object(&key("stage"), b"object");
             stored.store(true, Relaxed);
         });
-        assert!(StageStore::get(&cache, &key("stage")).is_some());
+        assert!(cache.get_stage_object(&key("stage")).is_some());
     }
 }
 
@@ -230,7 +229,7 @@ fn a_folder_that_is_moved_away_while_others_store_comes_back_with_its_marker() {
     thread::scope(|scope| {
         let storing = scope.spawn(|| {
             for i in 0..400 {
-                StageStore::put(&cache, &key(&(i % 50).to_string()), b"object");
+                cache.put_stage_object(&key(&(i % 50).to_string()), b"object");
             }
         });
         let mut moved = 0;

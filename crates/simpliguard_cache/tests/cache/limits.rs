@@ -3,7 +3,6 @@
 use std::fs;
 use std::time::{Duration, SystemTime};
 
-use simpliguard::StageStore;
 use simpliguard_cache::{Cache, Collected, Entry, Lookup};
 
 use crate::folder::{age, entry, files, filled, key, modified};
@@ -14,7 +13,7 @@ const KIB: u64 = 1024;
 /// An entry with an object of its own of 10 KiB, and one that all have.
 fn large(i: u8) -> Entry {
     let objects = vec![("own".to_owned(), vec![i; 10 * KIB as usize]), ("shared".to_owned(), vec![0; 100])];
-    Entry { made_by: "cpu".into(), objects }
+    Entry { objects }
 }
 
 fn is_hit(cache: &Cache, name: &str) -> bool {
@@ -77,11 +76,11 @@ fn objects_of_stages_go_before_results() {
     let dir = tempfile::tempdir().expect("tempdir");
     let cache = filled(dir.path());
     age(&cache, 3 * HOUR);
-    StageStore::put(&cache, &key("stage"), &vec![1; 20 * KIB as usize]);
-    assert_eq!(StageStore::get(&cache, &key("stage")).map(|object| object.len()), Some(20 * KIB as usize));
+    cache.put_stage_object(&key("stage"), &vec![1; 20 * KIB as usize]);
+    assert_eq!(cache.get_stage_object(&key("stage")).map(|object| object.len()), Some(20 * KIB as usize));
     let done = collect(&cache, 10 * KIB);
     assert_eq!((done.stages, done.results), (1, 0));
-    assert_eq!(StageStore::get(&cache, &key("stage")), None);
+    assert_eq!(cache.get_stage_object(&key("stage")), None);
     assert!(is_hit(&cache, "k"));
 }
 
@@ -148,7 +147,7 @@ fn a_use_is_noted_once_an_hour() {
 fn clearing_removes_what_the_cache_has_made_and_nothing_else() {
     let dir = tempfile::tempdir().expect("tempdir");
     let cache = filled(dir.path());
-    StageStore::put(&cache, &key("stage"), b"object");
+    cache.put_stage_object(&key("stage"), b"object");
     let readme = cache.root().join("readme.txt");
     fs::write(&readme, "the user's").expect("writes");
     let bytes = cache.usage().bytes;
@@ -178,7 +177,7 @@ fn results_from_the_future_go_last_but_go() {
     let dir = tempfile::tempdir().expect("tempdir");
     let cache = Cache::new(dir.path());
     cache.put(&key("future"), &large(0)).expect("stores");
-    StageStore::put(&cache, &key("stage"), b"object");
+    cache.put_stage_object(&key("stage"), b"object");
     postdate(&cache);
     let postdated = files(cache.folder());
     cache.put(&key("past"), &large(1)).expect("stores");
@@ -203,9 +202,9 @@ fn results_from_the_future_go_last_but_go() {
 fn what_nobody_can_use_goes_with_a_date_in_the_future_too() {
     let dir = tempfile::tempdir().expect("tempdir");
     let cache = filled(dir.path());
-    StageStore::put(&cache, &key("stage"), b"object");
+    cache.put_stage_object(&key("stage"), b"object");
     fs::write(&files(&cache.folder().join("stages"))[0], b"rot").expect("writes");
-    assert_eq!(StageStore::get(&cache, &key("stage")), None);
+    assert_eq!(cache.get_stage_object(&key("stage")), None);
     for record in files(&cache.folder().join("results")) {
         fs::remove_file(record).expect("removes");
     }
@@ -238,7 +237,7 @@ fn verifying_finds_every_kind_of_damage() {
     let dir = tempfile::tempdir().expect("tempdir");
     let cache = filled(dir.path());
     cache.put(&key("whole"), &large(1)).expect("stores");
-    StageStore::put(&cache, &key("stage"), b"object");
+    cache.put_stage_object(&key("stage"), b"object");
     let verified = cache.verify();
     assert!(verified.errors.is_empty() && verified.incomplete == 0, "{verified:?}");
     assert_eq!(verified.checked.files, 2 + 4 + 1);

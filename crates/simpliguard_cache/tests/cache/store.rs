@@ -126,7 +126,7 @@ fn a_read_only_cache_still_gives_hits() {
     };
     set(0o555);
     let found = matches!(cache.get(&key("k")), Lookup::Hit(_));
-    let new = cache.put(&key("new"), &Entry { made_by: "cpu".into(), objects: vec![("b".into(), vec![9; 50])] });
+    let new = cache.put(&key("new"), &Entry { objects: vec![("b".into(), vec![9; 50])] });
     let root_ignores_modes = fs::write(cache.folder().join("probe"), b"").is_ok();
     set(0o755);
     assert!(found);

@@ -2,7 +2,6 @@
 
 use std::fs;
 
-use simpliguard::StageStore;
 use simpliguard_cache::{Cache, Entry, Lookup};
 
 use crate::folder::{entry, files, filled, key};
@@ -13,7 +12,7 @@ fn a_folder_that_is_deleted_while_in_use_is_made_again() {
     let cache = filled(dir.path());
     fs::remove_dir_all(cache.root()).expect("removes");
     assert!(matches!(cache.get(&key("k")), Lookup::Miss));
-    assert_eq!(StageStore::get(&cache, &key("k")), None);
+    assert_eq!(cache.get_stage_object(&key("k")), None);
     assert_eq!((cache.usage().bytes, cache.verify().errors.len()), (0, 0));
     cache.put(&key("k"), &entry()).expect("stores");
     assert!(matches!(cache.get(&key("k")), Lookup::Hit(_)));
@@ -23,18 +22,18 @@ fn a_folder_that_is_deleted_while_in_use_is_made_again() {
 fn a_cache_that_is_moved_keeps_its_results() {
     let dir = tempfile::tempdir().expect("tempdir");
     let cache = filled(dir.path());
-    StageStore::put(&cache, &key("stage"), b"object");
+    cache.put_stage_object(&key("stage"), b"object");
     let moved = Cache::new(dir.path().join("elsewhere"));
     fs::rename(cache.root(), moved.root()).expect("moves");
     assert!(matches!(moved.get(&key("k")), Lookup::Hit(found) if found == entry()));
-    assert!(StageStore::get(&moved, &key("stage")).is_some());
+    assert!(moved.get_stage_object(&key("stage")).is_some());
 }
 
 #[test]
 fn nothing_in_a_cache_names_a_path() {
     let dir = tempfile::tempdir().expect("tempdir");
     let cache = filled(dir.path());
-    StageStore::put(&cache, &key("stage"), b"object");
+    cache.put_stage_object(&key("stage"), b"object");
     let folder = dir.path().to_str().expect("UTF-8").as_bytes().to_vec();
     for file in files(cache.root()) {
         let bytes = fs::read(&file).expect("reads");
@@ -50,10 +49,10 @@ fn damaged_objects_of_stages_are_misses() {
     let dir = tempfile::tempdir().expect("tempdir");
     let cache = filled(dir.path());
     for damage in [&b""[..], b"short", &[0; 100]] {
-        StageStore::put(&cache, &key("stage"), b"object");
+        cache.put_stage_object(&key("stage"), b"object");
         let file = files(&cache.folder().join("stages")).remove(0);
         fs::write(&file, damage).expect("writes");
-        assert_eq!(StageStore::get(&cache, &key("stage")), None);
+        assert_eq!(cache.get_stage_object(&key("stage")), None);
         assert!(!file.exists());
     }
     assert_eq!(cache.stats().quarantined, 3);
@@ -83,10 +82,10 @@ fn a_full_disk_is_an_error_value_and_leaves_nothing() {
 #[cfg(unix)]
 fn with_a_full_disk(cache: &Cache) {
     let objects = vec![("small".to_owned(), vec![1; 100]), ("large".to_owned(), vec![2; 100_000])];
-    let error = cache.put(&key("large"), &Entry { made_by: "cpu".into(), objects }).expect_err("cannot be written");
+    let error = cache.put(&key("large"), &Entry { objects }).expect_err("cannot be written");
     assert!(error.to_string().starts_with("cache: cannot write "), "{error}");
-    StageStore::put(cache, &key("stage"), &[3; 100_000]);
-    assert_eq!(StageStore::get(cache, &key("stage")), None);
+    cache.put_stage_object(&key("stage"), &[3; 100_000]);
+    assert_eq!(cache.get_stage_object(&key("stage")), None);
     assert!(matches!(cache.get(&key("large")), Lookup::Miss));
     let whole = |path: &std::path::PathBuf| fs::metadata(path).expect("exists").len() == 100;
     assert!(files(&cache.folder().join("objects")).iter().all(whole), "half a file was left behind");

@@ -7,7 +7,7 @@ use std::process::Command;
 /// A temporary folder with a cache of its own.
 pub(crate) struct Folder(tempfile::TempDir);
 
-/// How the command ended.
+/// The outcome of a run.
 pub(crate) struct Run {
     pub(crate) code: i32,
     pub(crate) stdout: String,

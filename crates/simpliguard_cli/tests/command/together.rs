@@ -48,7 +48,7 @@ fn the_bake_of_a_process_that_dies_is_taken_over() {
     read_until(&mut owner_says, "import (0 %)");
     signal(&owner, "-STOP");
     let (mut waiting, mut waiting_says) = start("b");
-    read_until(&mut waiting_says, "somebody else bakes it");
+    read_until(&mut waiting_says, "another program is baking it");
     signal(&owner, "-KILL");
     assert!(!owner.wait().expect("ends").success());
     read_until(&mut waiting_says, "baked in");

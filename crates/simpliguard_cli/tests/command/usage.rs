@@ -1,4 +1,6 @@
-//! What the command says to requests and files it can do nothing with.
+//! The command's answers to wrong requests and unusable files.
+
+use simpliguard::{PIPELINE_VERSION, STAGES};
 
 use crate::folder::{Folder, sphere, triangle};
 
@@ -98,7 +100,7 @@ fn bad_flags_are_explained() {
         (&["a.glb", "--settings", "none.ron"], "cannot read none.ron"),
         (&["a.glb", "--profile", "vr"], "no profile named 'vr'"),
         (&["a.glb", "--project", "none"], "there is no such folder"),
-        (&["a.glb", "--backend", "gpu"], "computes on the CPU only"),
+        (&["a.glb", "--backend", "cpu"], "unexpected argument"),
         (&["a.glb", "--threads", "0"], "--threads"),
         (&["empty"], "there is no .glb or .gltf file below this folder"),
         (&[], "required"),
@@ -148,4 +150,24 @@ fn settings_show_tells_where_values_come_from() {
         let squeezed = run.stdout.lines().map(|l| l.split_whitespace().collect::<Vec<_>>().join(" "));
         assert!(squeezed.into_iter().any(|l| l == line), "no line '{line}' in\n{}", run.stdout);
     }
+}
+
+#[test]
+fn inspect_prints_the_stages_in_their_order() {
+    let folder = Folder::new();
+    let run = folder.run(&["inspect", "--pipeline"]);
+    assert_eq!(run.code, 0, "{}", run.stderr);
+    let names: Vec<&str> = run.stdout.lines().filter_map(|line| line.split_whitespace().next()).collect();
+    let stages: Vec<String> = STAGES.iter().map(|stage| stage.id.to_string()).collect();
+    assert_eq!(names[0], "stage");
+    assert_eq!(names[1..], stages[..]);
+    let document = folder.run(&["inspect", "--pipeline", "--json"]).json();
+    assert_eq!((&document["version"], &document["pipeline_version"]), (&1.into(), &PIPELINE_VERSION.into()));
+    for (shown, stage) in document["stages"].as_array().expect("stages").iter().zip(&STAGES) {
+        assert_eq!((&shown["id"], &shown["purpose"]), (&stage.id.to_string().into(), &stage.purpose.into()));
+        assert_eq!((&shown["weight"], &shown["per_level"]), (&stage.weight.into(), &stage.per_level.into()));
+        assert!(run.stdout.contains(&format!("{} %", stage.weight)) && run.stdout.contains(stage.purpose));
+    }
+    assert_eq!(document["stages"].as_array().map(Vec::len), Some(STAGES.len()));
+    assert_eq!(folder.run(&["inspect"]).code, 2);
 }

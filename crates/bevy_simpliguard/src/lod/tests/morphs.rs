@@ -10,7 +10,8 @@ use super::glb::{Glb, level};
 const BOX: ([f32; 3], [f32; 3]) = ([-1.0; 3], [1.0; 3]);
 const MOVES: [[f32; 3]; 2] = [[0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
 
-/// A stand without targets and a face with two, whose one level has both; `stand` and `face` are the meshes of their nodes.
+/// A stand without targets and a face with two, whose one level has both; `stand` and `face` are the meshes of their
+/// nodes.
 fn combined(stand: Option<usize>, face: Option<usize>) -> Glb {
     let node = |name: &str, mesh: Option<usize>| match mesh {
         Some(mesh) => json!({ "name": name, "mesh": mesh }),

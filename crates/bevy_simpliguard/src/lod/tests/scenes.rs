@@ -21,7 +21,8 @@ fn meshes() -> Glb {
     Glb::new().mesh(SOURCE_BOX, 7, 0).mesh(LEVEL_BOX, 2, 1).mesh(LEVEL_BOX, 1, 1)
 }
 
-/// A moved, scaled root with a mesh, and a second mesh under it; scene 1 has level 1 alone, scene 2 a part of the source.
+/// A moved, scaled root with a mesh, and a second mesh under it; scene 1 has level 1 alone, scene 2 a part of the
+/// source.
 fn combined() -> Glb {
     combined_with_error(0.25)
 }
@@ -105,7 +106,7 @@ fn instances_share_meshes_but_not_entities() {
     }
 }
 
-/// Whether an instance of a scene has neither a group nor members.
+/// Tells whether an instance of a scene has neither a group nor members.
 fn is_plain(app: &mut TestApp, root: Entity) -> bool {
     let world = app.world();
     let mut members = world.query::<&LodMember>();

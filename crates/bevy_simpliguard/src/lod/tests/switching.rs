@@ -9,7 +9,7 @@ use bevy::camera::visibility::VisibilityRange;
 use bevy::platform::collections::HashSet;
 use bevy::prelude::*;
 
-use super::super::{LodGroup, LodLevel, LodMember, LodPrimitive, LodSettings, LodStats, SimpliguardLods};
+use super::super::{LodGroup, LodLevel, LodMember, LodPrimitive, LodSettings, LodStats, LodView, SimpliguardLods};
 use super::{TestApp, computed};
 
 const SOURCE: (u32, usize) = (0, 3);
@@ -331,13 +331,14 @@ fn the_documented_distance_is_the_one_that_is_used() {
     let settings = LodSettings { pixel_error: 1.5, bias: 1.2, ..default() };
     app.world().insert_resource(settings.clone());
     for (slot, nearer) in [(1, SOURCE), (2, LOD2)] {
-        let start = group.switch_distance(slot, 1.0, 1000.0, std::f32::consts::FRAC_PI_2, &settings);
+        let view = LodView { height: 1000.0, fov: std::f32::consts::FRAC_PI_2 };
+        let start = group.switch_distance(slot, 1.0, view, &settings);
         app.place(camera, Vec3::Z * (start - 0.5));
         assert_eq!(app.levels_in_range(camera), [nearer]);
         app.place(camera, Vec3::Z * (start + 5.0));
         assert_eq!(app.levels_in_range(camera).len(), 2);
     }
-    assert_eq!(group.switch_distance(0, 1.0, 1000.0, 1.0, &settings), 0.0);
+    assert_eq!(group.switch_distance(0, 1.0, LodView { height: 1000.0, fov: 1.0 }, &settings), 0.0);
 }
 
 #[test]

@@ -1,18 +1,24 @@
 //! The keys of objects: versions, parameters, and the keys or the content of the inputs.
 
 use bytemuck::cast_slice;
+use simpliguard_key::{Key, KeyBuilder};
 
-use super::key::{Key, KeyBuilder};
 use crate::data::{Bone, Candidate, Document, Influences, Model, Surface, TriMesh};
 use crate::gltf::external_uris;
 use crate::pipeline::params::{LevelParams, Params};
 use crate::pipeline::source::PreparedSource;
-use crate::pipeline::stage::STAGES;
+use crate::pipeline::stage::{STAGES, Stage};
 use crate::settings::BakeSettings;
 use crate::simplify::SimplifyParams;
 use crate::skinning::JointPlane;
 use crate::unwrap::UnwrapParams;
-use crate::{Error, Source, StageId};
+use crate::{Error, PIPELINE_VERSION, Source, StageId};
+
+/// Starts a key with the versions of the pipeline and of some of its stages.
+fn for_stages(ids: &[StageId]) -> KeyBuilder {
+    let with_stage = |key: KeyBuilder, id: &StageId| key.stage(&id.to_string(), Stage::of(*id).version);
+    ids.iter().fold(KeyBuilder::new(PIPELINE_VERSION), with_stage)
+}
 
 /// The key of a bake: over the versions of the pipeline and its stages, the content of all files of the source, and the
 /// parameters. Reads the external files of a glTF, but imports nothing. No path, thread count or backend is part of it.
@@ -20,7 +26,7 @@ use crate::{Error, Source, StageId};
 /// # Errors
 /// [`Error::Invalid`] if the source is no glTF.
 pub fn bake_key(source: &Source<'_>, settings: &BakeSettings) -> Result<Key, Error> {
-    let mut key = KeyBuilder::for_stages(&STAGES.map(|stage| stage.id)).input(source.bytes);
+    let mut key = for_stages(&STAGES.map(|stage| stage.id)).input(source.bytes);
     for uri in external_uris(source.name, source.bytes)? {
         key = match source.resources.read(&uri) {
             Ok(bytes) => key.input(&bytes),
@@ -33,7 +39,7 @@ pub fn bake_key(source: &Source<'_>, settings: &BakeSettings) -> Result<Key, Err
 /// The content of all files of a source.
 pub(crate) fn content_key(source: &Source<'_>, model: &Model) -> Key {
     let Document { buffers, images, .. } = &model.document;
-    let key = KeyBuilder::for_stages(&[StageId::Import]).input(source.bytes);
+    let key = for_stages(&[StageId::Import]).input(source.bytes);
     let key = buffers.iter().fold(key, |key, buffer| key.input(buffer));
     let with_image = |key: KeyBuilder, image: &Option<(bytes::Bytes, _)>| match image {
         Some((bytes, _)) => key.input(bytes),
@@ -44,7 +50,7 @@ pub(crate) fn content_key(source: &Source<'_>, model: &Model) -> Key {
 
 /// The selected shapes of a bake and their deviations.
 pub(crate) fn shapes_key(content: &Key, simplify: &SimplifyParams, params: &Params) -> Key {
-    KeyBuilder::for_stages(&[StageId::Views, StageId::Reconstruct, StageId::Simplify])
+    for_stages(&[StageId::Views, StageId::Reconstruct, StageId::Simplify])
         .key(content)
         .params(simplify)
         .params(&params.views)
@@ -56,7 +62,7 @@ pub(crate) fn shapes_key(content: &Key, simplify: &SimplifyParams, params: &Para
 /// The shapes of one candidate. Parameters that select candidates make no difference to it.
 pub(crate) fn candidate_key(form: &Key, params: &SimplifyParams, candidate: Candidate) -> Key {
     let SimplifyParams { budgets, candidates: _, collapse } = params;
-    KeyBuilder::for_stages(&[StageId::Reconstruct, StageId::Simplify])
+    for_stages(&[StageId::Reconstruct, StageId::Simplify])
         .key(form)
         .params(budgets)
         .params(collapse)
@@ -67,7 +73,7 @@ pub(crate) fn candidate_key(form: &Key, params: &SimplifyParams, candidate: Cand
 /// Everything that candidates read of a source: its form, its motion and the weights of its triangles, but no textures.
 pub(crate) fn form_key(source: &PreparedSource<'_>) -> Key {
     let model = source.index.model;
-    let key = with_surface(KeyBuilder::for_stages(&[StageId::Import]), &model.surface);
+    let key = with_surface(for_stages(&[StageId::Import]), &model.surface);
     let double_sided: Vec<u8> = model.materials.iter().map(|m| u8::from(m.double_sided)).collect();
     let key = key.input(&double_sided).input(cast_slice(&source.index.opaque.source));
     let key = source.importance.iter().fold(key, |key, importance| key.input(cast_slice(importance.weights())));
@@ -112,7 +118,7 @@ fn with_surface(key: KeyBuilder, surface: &Surface) -> KeyBuilder {
 
 /// The refined vertices of a level, with its influences.
 pub(crate) fn vertices_key(shapes: &Key, params: &LevelParams, budget: u32) -> Key {
-    KeyBuilder::for_stages(&[StageId::Unwrap, StageId::Skinning, StageId::Texture, StageId::Refine])
+    for_stages(&[StageId::Unwrap, StageId::Skinning, StageId::Texture, StageId::Refine])
         .key(shapes)
         .params(params)
         .params(&budget)
@@ -121,12 +127,12 @@ pub(crate) fn vertices_key(shapes: &Key, params: &LevelParams, budget: u32) -> K
 
 /// Vertices of a mesh after some refinement, whatever views they were fitted to.
 pub(crate) fn warm_start_key(mesh: &TriMesh) -> Key {
-    with_mesh(KeyBuilder::for_stages(&[StageId::Refine]), mesh).params(&"warm start").finish()
+    with_mesh(for_stages(&[StageId::Refine]), mesh).params(&"warm start").finish()
 }
 
 /// The atlas of a mesh with a relative texel density of each face.
 pub(crate) fn atlas_key(mesh: &TriMesh, density: &[f32], params: &UnwrapParams) -> Key {
-    with_mesh(KeyBuilder::for_stages(&[StageId::Unwrap]), mesh).input(cast_slice(density)).params(params).finish()
+    with_mesh(for_stages(&[StageId::Unwrap]), mesh).input(cast_slice(density)).params(params).finish()
 }
 
 fn with_mesh(key: KeyBuilder, mesh: &TriMesh) -> KeyBuilder {
@@ -141,7 +147,7 @@ mod tests {
     use crate::data::{Reconstruction, TextureFormat};
     use crate::settings::SourceGeometry;
     use crate::simplify::{CollapseParams, SimplifyParams};
-    use crate::{NoResources, PIPELINE_VERSION, RelativeUri, Resources};
+    use crate::{NoResources, RelativeUri, Resources};
 
     fn simplify() -> SimplifyParams {
         let params = Params::new(&BakeSettings::default());

@@ -15,7 +15,6 @@
 //! made them.
 
 mod codec;
-pub(crate) mod key;
 mod keys;
 
 use codec::{Reader, Writer};

@@ -1,19 +1,19 @@
-//! Where the cache is, and how large it may become.
+//! The place of the cache, and its size limit.
 
 use std::ffi::OsString;
 use std::fs;
 use std::path::{Component, Path, PathBuf, absolute};
 
 use simpliguard::settings::{CacheSettings, ProjectFile};
+use simpliguard_cache::{Cache, DEFAULT_MAX_SIZE};
 
-use crate::shared::Shared;
-use crate::{Cache, DEFAULT_MAX_SIZE};
-
-/// Environment variable that names the cache's folder.
+/// Environment variable with the folder of the cache.
 pub const ENV_VAR: &str = "SIMPLIGUARD_CACHE_DIR";
+/// Environment variable with the folder or address of the shared tier.
+pub const SHARED_ENV_VAR: &str = "SIMPLIGUARD_SHARED_CACHE";
 
-/// A project's file names a folder that is not the project's own; for a warning. Projects come from anywhere, and none
-/// is to decide what is written outside of it.
+/// A project's file names a folder outside of the project, for a warning. Projects come from anywhere, and none may
+/// decide where files are written outside of it.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error(
     "{}: cache.dir: \"{dir}\" is not used: {} lies outside of the project's folder; results are kept in the user's cache \
@@ -22,46 +22,65 @@ pub const ENV_VAR: &str = "SIMPLIGUARD_CACHE_DIR";
     folder.display()
 )]
 pub struct OutsideProject {
-    /// As the file has it.
+    /// The folder as the file spells it.
     pub dir: String,
-    /// The folder that is meant.
+    /// The resolved folder.
     pub folder: PathBuf,
 }
 
-/// What a command line, or the code of a game, says about the cache; it goes before everything else.
+/// The place of a cache as a command line or the code of a game gives it. It has precedence over everything else.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Explicit<'a> {
-    /// Folder.
+pub struct CachePlace<'a> {
+    /// Folder of the cache.
     pub dir: Option<&'a Path>,
     /// Folder or address of the shared tier.
     pub shared: Option<&'a str>,
 }
 
-impl Cache {
-    /// The cache of a project whose folder is `base`. Its folder is that of `explicit`, else of [`ENV_VAR`], else of the
-    /// project's settings, else `simpliguard` in the user's cache folder. A folder outside of `base` that the settings
-    /// name is passed over, and `tell` is called. The shared tier is that of `explicit`, else of
-    /// [`crate::SHARED_ENV_VAR`], else of the project. `None` if the platform does not say where users' caches are.
-    pub fn of_project(
-        explicit: Explicit<'_>,
-        settings: &CacheSettings,
-        base: &Path,
-        tell: impl FnOnce(OutsideProject),
-    ) -> Option<Self> {
-        let configured = || match configured(settings.dir.as_deref()?, base) {
-            Ok(folder) => Some(folder),
-            Err(outside) => {
-                tell(outside);
-                None
-            }
-        };
-        let user = || directories::BaseDirs::new().map(|dirs| dirs.cache_dir().join("simpliguard"));
-        let cache = Self::new(choose(explicit.dir, std::env::var_os(ENV_VAR), configured, user)?);
-        let cache = cache.with_max_size(settings.max_size.unwrap_or(DEFAULT_MAX_SIZE));
-        Some(cache.with_shared(Shared::of_project(explicit.shared, settings, base)))
-    }
+/// The cache of the project in the folder `base`.
+///
+/// The folder of the cache is the first of: the one in `explicit`, [`ENV_VAR`], the project's settings, and
+/// `simpliguard` in the user's cache folder. A folder in the settings that lies outside of `base` is not used, and
+/// `notify` is called. The address of the shared tier is the first of: the one in `explicit`, [`SHARED_ENV_VAR`], and
+/// the project's settings.
+///
+/// `None` if the platform has no cache folder for users.
+pub fn open_cache(
+    explicit: CachePlace<'_>,
+    settings: &CacheSettings,
+    base: &Path,
+    notify: impl FnOnce(OutsideProject),
+) -> Option<Cache> {
+    let configured = || match configured(settings.dir.as_deref()?, base) {
+        Ok(folder) => Some(folder),
+        Err(outside) => {
+            notify(outside);
+            None
+        }
+    };
+    let user = || directories::BaseDirs::new().map(|dirs| dirs.cache_dir().join("simpliguard"));
+    let cache = Cache::new(choose(explicit.dir, std::env::var_os(ENV_VAR), configured, user)?);
+    let cache = cache.with_max_size(settings.max_size.unwrap_or(DEFAULT_MAX_SIZE));
+    let variable = std::env::var(SHARED_ENV_VAR).ok();
+    Some(match shared_address(explicit.shared, variable, settings, base) {
+        Some((address, base)) => cache.with_shared_tier(&address, base, settings.shared_read_only),
+        None => cache,
+    })
 }
 
+/// The address of the shared tier, and the folder that it is relative to.
+fn shared_address<'a>(
+    explicit: Option<&str>,
+    variable: Option<String>,
+    settings: &CacheSettings,
+    base: &'a Path,
+) -> Option<(String, &'a Path)> {
+    let variable = variable.filter(|address| !address.is_empty());
+    let given = explicit.map(str::to_owned).or(variable).map(|address| (address, Path::new("")));
+    given.or_else(|| Some((settings.shared.clone()?, base)))
+}
+
+/// The first folder that is given.
 fn choose(
     explicit: Option<&Path>,
     variable: Option<OsString>,
@@ -72,7 +91,7 @@ fn choose(
     explicit.map(Path::to_owned).or(variable).or_else(configured).or_else(user)
 }
 
-/// The folder that the file of the project in `base` names, if it lies in `base`.
+/// The folder in the settings of the project in `base`, if it lies in `base`.
 fn configured(dir: &str, base: &Path) -> Result<PathBuf, OutsideProject> {
     let folder = base.join(dir);
     let resolved = resolve(&folder);
@@ -82,7 +101,7 @@ fn configured(dir: &str, base: &Path) -> Result<PathBuf, OutsideProject> {
     }
 }
 
-/// An absolute path without `..` and symbolic links. The end of it need not exist. `None` if a link leads nowhere.
+/// The absolute path without `..` and symbolic links. The last parts need not exist. `None` if a link leads nowhere.
 fn resolve(path: &Path) -> Option<PathBuf> {
     let mut resolved = PathBuf::new();
     for component in absolute(Path::new(".").join(path)).ok()?.components() {
@@ -94,7 +113,7 @@ fn resolve(path: &Path) -> Option<PathBuf> {
             resolved = resolved.canonicalize().ok()?;
         }
     }
-    // Names have one spelling then, on every platform.
+    // On every platform, canonical names have one spelling.
     let existing = resolved.ancestors().find(|folder| folder.exists())?;
     Some(existing.canonicalize().ok()?.join(resolved.strip_prefix(existing).ok()?))
 }
@@ -104,7 +123,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_nearest_wish_wins() {
+    fn the_first_folder_wins() {
         let user = || Some(PathBuf::from("user"));
         let a = Path::new("arg");
         let config = || Some(PathBuf::from("config"));
@@ -114,6 +133,20 @@ mod tests {
         assert_eq!(choose(None, variable(""), config, user), Some("config".into()));
         assert_eq!(choose(None, None, || None, user), Some("user".into()));
         assert_eq!(choose(None, None, || None, || None), None);
+    }
+
+    #[test]
+    fn the_nearest_shared_tier_wins() {
+        let settings = CacheSettings { shared: Some("server".into()), ..CacheSettings::default() };
+        let base = Path::new("project");
+        let address = |explicit, variable: &str, settings: &CacheSettings| {
+            shared_address(explicit, Some(variable.to_owned()), settings, base)
+                .map(|(address, base)| base.join(address))
+        };
+        assert_eq!(address(Some("arg"), "env", &settings), Some("arg".into()));
+        assert_eq!(address(None, "env", &settings), Some("env".into()));
+        assert_eq!(address(None, "", &settings), Some("project/server".into()));
+        assert_eq!(address(None, "", &CacheSettings::default()), None);
     }
 
     #[test]

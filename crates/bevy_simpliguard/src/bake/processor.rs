@@ -13,16 +13,16 @@ use serde::{Serialize, Serializer};
 use super::baker::Baker;
 use super::input::{Input, InputLoader};
 
-/// Processes `.glb` and `.gltf` files: writes what the cache has, else the model as it is, and has it baked. Named
-/// `bevy_simpliguard::SimpliguardProcess` in `.meta` files.
+/// Processes `.glb` and `.gltf` files. Writes the levels if the cache has them, otherwise the model as it is, and
+/// queues a bake. Its name in `.meta` files is `bevy_simpliguard::SimpliguardProcess`.
 #[derive(TypePath)]
 #[type_path = "bevy_simpliguard"]
 pub struct SimpliguardProcess {
     pub(super) baker: Arc<Baker>,
 }
 
-/// The settings of a `.meta` file, unread: a mistake in them must not keep the model out of the game, as an error would
-/// here. They are read with the chain's own parser, which says where the mistake is.
+/// The settings of a `.meta` file, unread. An error here would keep the model out of the game. So they are read later,
+/// with the parser of `simpliguard`, which also reports the position of a mistake.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct MetaSettings;
 
@@ -42,8 +42,9 @@ impl Process for SimpliguardProcess {
     type Settings = MetaSettings;
     type OutputLoader = GltfLoader;
 
-    /// Never bakes, and fails only if the output cannot be written: Bevy would drop all it has processed otherwise, and
-    /// a second change during a long run would stop it for good.
+    /// Writes the processed file. Does not bake itself: a second change during a long run would stop Bevy's processor
+    /// for ever. Fails only if the model cannot be read or the output cannot be written: after errors, Bevy drops all
+    /// processed files.
     async fn process(
         &self,
         context: &mut ProcessContext<'_>,
@@ -53,6 +54,8 @@ impl Process for SimpliguardProcess {
         let path = context.path().clone();
         let file = path.path().to_owned();
         let _processing = self.baker.activity.processing(&file);
+        // From here on no swap begins. The last one ends before the desired levels change.
+        self.baker.activity.swap_ended(&file).await;
         let loaded = context.load_source_asset::<InputLoader>(&()).await?;
         let input = loaded.take::<Input>().expect("the loader makes nothing else");
         let output = self.baker.output_for(&path, input).await;

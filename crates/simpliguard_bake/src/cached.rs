@@ -1,0 +1,192 @@
+//! The cached bake: key, look-up, single flight, bake, store.
+
+use simpliguard::settings::BakeSettings;
+use simpliguard::{Context, Error, Key, Source, StageStore, bake_key};
+use simpliguard_cache::{Cache, Flight, Lookup, SingleFlight};
+
+use crate::host::{Host, Notice};
+use crate::result::{BakeResult, Parts};
+use crate::stage_objects::StageObjects;
+
+/// A bake whose result may be in a cache.
+pub struct CachedBake<'a> {
+    source: Source<'a>,
+    settings: &'a BakeSettings,
+    parts: Parts<'a>,
+    cache: Option<&'a Cache>,
+    key: Key,
+}
+
+/// A result and its origin.
+#[derive(Clone, Debug)]
+pub struct Outcome {
+    /// The result, with the parts that were asked for.
+    pub result: BakeResult,
+    /// True if the cache had the result, perhaps because another program has just made it.
+    pub is_cached: bool,
+}
+
+impl<'a> CachedBake<'a> {
+    /// A bake of a source with settings. Reads all files of the source to compute the key. Without a cache, nothing is
+    /// looked up or stored.
+    ///
+    /// # Errors
+    /// [`Error::Invalid`] if the source is no glTF.
+    pub fn new(
+        source: Source<'a>,
+        settings: &'a BakeSettings,
+        parts: Parts<'a>,
+        cache: Option<&'a Cache>,
+    ) -> Result<Self, Error> {
+        Ok(Self { key: bake_key(&source, settings)?, source, settings, parts, cache })
+    }
+
+    /// The key of the result: it stands for all bytes of the source, the settings and the version of the pipeline.
+    pub fn key(&self) -> Key {
+        self.key
+    }
+
+    /// Finds the result in the cache, or bakes and stores it. If another thread or process bakes the same, waits for
+    /// it. `context` has no stage store of its own: the stages use the cache.
+    ///
+    /// The wait blocks the thread. Never call this on a thread that [`Host::compute`] needs.
+    ///
+    /// # Errors
+    /// Those of the pipeline and of [`Host::begin`]; [`Error::Cancelled`] if the wait or the bake is cancelled.
+    pub fn run(&self, context: &Context<'_>, host: &impl Host) -> Result<Outcome, Error> {
+        let Some(cache) = self.cache else {
+            return Ok(Outcome { result: self.bake(context, host)?, is_cached: false });
+        };
+        let flight = Flight {
+            key: &self.key,
+            is_cancelled: &|| context.cancellation.is_cancelled(),
+            notify: &|notice| host.notify(notice.into()),
+        };
+        let find = || look_up(cache, &self.key, self.parts, |notice| host.notify(notice));
+        let make = || self.bake(context, host).inspect(|result| self.store(cache, result, host));
+        match cache.single_flight(&flight, find, make)? {
+            SingleFlight::Found(result) => Ok(Outcome { result, is_cached: true }),
+            SingleFlight::Made(result) => Ok(Outcome { result, is_cached: false }),
+            SingleFlight::Cancelled => Err(Error::Cancelled { asset: self.source.name.to_owned() }),
+        }
+    }
+
+    fn bake(&self, context: &Context<'_>, host: &impl Host) -> Result<BakeResult, Error> {
+        host.begin()?;
+        let stages = self.cache.map(StageObjects);
+        let stages = stages.as_ref().map(|stages| stages as &dyn StageStore);
+        let context = Context { stages, ..context.clone() };
+        host.compute(|| BakeResult::compute(&self.source, self.settings, &context, self.parts))
+    }
+
+    /// A storage error never fails a bake.
+    fn store(&self, cache: &Cache, result: &BakeResult, host: &impl Host) {
+        let mut stored = Ok(());
+        host.store(|| {
+            let entry = result.to_entry().map_err(|e| Notice::NotKept(e.into()));
+            stored = entry.and_then(|entry| cache.put(&self.key, &entry).map_err(|e| Notice::NotKept(e.into())));
+        });
+        if let Err(notice) = stored {
+            host.notify(notice);
+        }
+    }
+}
+
+/// The result of a key if the local cache has all `parts` of it. The shared tier is not asked.
+pub fn look_up(cache: &Cache, key: &Key, parts: Parts<'_>, notify: impl FnOnce(Notice)) -> Option<BakeResult> {
+    match cache.get_objects(key, |object| parts.include(object)) {
+        Lookup::Hit(entry) => BakeResult::from_entry(entry).filter(|result| parts.are_in(result)),
+        Lookup::Miss => None,
+        Lookup::Damaged(error) => {
+            notify(error.into());
+            None
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::cell::{Cell, RefCell};
+
+    use simpliguard::{Cancellation, NoResources, Status};
+
+    use super::*;
+
+    /// A glTF without triangles, which passes through.
+    const EMPTY: &[u8] = br#"{"asset":{"version":"2.0"}}"#;
+
+    #[derive(Default)]
+    struct Recorder {
+        begun: Cell<u32>,
+        notices: RefCell<Vec<String>>,
+        refusal: Option<&'static str>,
+    }
+
+    impl Host for Recorder {
+        fn begin(&self) -> Result<(), Error> {
+            self.begun.set(self.begun.get() + 1);
+            self.refusal.map_or(Ok(()), |why| Err(Error::Settings(why.into())))
+        }
+
+        fn notify(&self, notice: Notice) {
+            assert!(notice.is_warning());
+            self.notices.borrow_mut().push(notice.to_string());
+        }
+    }
+
+    fn bake<'a>(settings: &'a BakeSettings, cache: Option<&'a Cache>) -> CachedBake<'a> {
+        let source = Source { name: "empty.gltf", bytes: EMPTY, resources: &NoResources };
+        CachedBake::new(source, settings, Parts::Combined, cache).expect("a glTF")
+    }
+
+    #[test]
+    fn a_result_is_made_once_and_found_again() {
+        let (dir, settings, host) =
+            (tempfile::tempdir().expect("tempdir"), BakeSettings::default(), Recorder::default());
+        let cache = Cache::new(dir.path());
+        let bake = bake(&settings, Some(&cache));
+        let first = bake.run(&Context::default(), &host).expect("bakes");
+        let second = bake.run(&Context::default(), &host).expect("is found");
+        assert_eq!((first.is_cached, second.is_cached, host.begun.get()), (false, true, 1));
+        assert_eq!(
+            (first.result.report.status, &first.result.combined),
+            (Status::PassThrough, &second.result.combined)
+        );
+        assert!(host.notices.into_inner().is_empty());
+    }
+
+    #[test]
+    fn a_host_may_refuse_and_nothing_is_kept() {
+        let (dir, settings) = (tempfile::tempdir().expect("tempdir"), BakeSettings::default());
+        let cache = Cache::new(dir.path());
+        let bake = bake(&settings, Some(&cache));
+        let host = Recorder { refusal: Some("no"), ..Recorder::default() };
+        assert!(matches!(bake.run(&Context::default(), &host), Err(Error::Settings(why)) if why == "no"));
+        assert!(look_up(&cache, &bake.key(), Parts::Combined, |_| {}).is_none());
+    }
+
+    #[test]
+    fn storage_that_fails_is_a_notice() {
+        let (dir, settings, host) =
+            (tempfile::tempdir().expect("tempdir"), BakeSettings::default(), Recorder::default());
+        std::fs::write(dir.path().join("file"), "").expect("writes");
+        let cache = Cache::new(dir.path().join("file"));
+        let outcome = bake(&settings, Some(&cache)).run(&Context::default(), &host).expect("bakes");
+        let notices = host.notices.into_inner();
+        assert!(
+            !outcome.is_cached && notices.iter().any(|n| n.starts_with("the result is not kept: cache: ")),
+            "{notices:?}"
+        );
+        let host = Recorder::default();
+        assert!(!bake(&settings, None).run(&Context::default(), &host).expect("bakes").is_cached);
+    }
+
+    #[test]
+    fn a_cancelled_bake_has_no_result() {
+        let settings = BakeSettings::default();
+        let context = Context { cancellation: Cancellation::default(), ..Context::default() };
+        context.cancellation.cancel();
+        let stopped = bake(&settings, None).run(&context, &Recorder::default());
+        assert!(matches!(stopped, Err(Error::Cancelled { .. })), "{stopped:?}");
+    }
+}

@@ -1,0 +1,59 @@
+//! The program around a cached bake.
+
+use simpliguard::Error;
+use simpliguard_cache::StorageError;
+
+/// An event on the way to a result, for a line of the log.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum Notice {
+    /// Another thread or process bakes the same model with the same settings; this one waits for it.
+    #[error("another program is baking it; waiting")]
+    Waits,
+    /// The cache or its shared tier failed. The bake goes on without.
+    #[error(transparent)]
+    Storage(#[from] StorageError),
+    /// The result cannot be stored. The bake goes on without.
+    #[error("the result is not kept: {0}")]
+    NotKept(Box<dyn std::error::Error + Send + Sync>),
+}
+
+impl Notice {
+    /// Tells whether something is wrong that the user can mend.
+    pub fn is_warning(&self) -> bool {
+        !matches!(self, Self::Waits)
+    }
+}
+
+impl From<simpliguard_cache::Notice> for Notice {
+    fn from(notice: simpliguard_cache::Notice) -> Self {
+        match notice {
+            simpliguard_cache::Notice::Waits => Self::Waits,
+            simpliguard_cache::Notice::Shared(error) => Self::Storage(error),
+        }
+    }
+}
+
+/// The program around a cached bake: its threads, its messages and its shutdown.
+pub trait Host {
+    /// Called when the result is nowhere to be found, before the bake begins. An error ends the bake.
+    ///
+    /// # Errors
+    /// Those of the program.
+    fn begin(&self) -> Result<(), Error> {
+        Ok(())
+    }
+
+    /// Runs the bake where the program computes, such as in its rayon pool. By default on the calling thread.
+    fn compute<T: Send>(&self, work: impl FnOnce() -> T + Send) -> T {
+        work()
+    }
+
+    /// Stores the result. A program that may be interrupted waits until `work` has returned.
+    fn store(&self, work: impl FnOnce()) {
+        work();
+    }
+
+    /// Takes an event. Called on the thread that runs the cached bake.
+    fn notify(&self, notice: Notice);
+}

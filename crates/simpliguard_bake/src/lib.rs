@@ -1,0 +1,21 @@
+//! Cached bakes: one way from a model to its levels, shared by the command and the plugin.
+//!
+//! ```text
+//! key -> look-up (local cache) -> single flight -> look-up (local, shared) -> bake -> store
+//! ```
+//!
+//! [`CachedBake::run`] is this way. [`Host`] is the program around it: its threads, its messages and its shutdown.
+//! [`CachedBake::look_up`] looks in the local cache alone and bakes nothing. [`open_cache`] finds the cache of a
+//! project.
+
+mod cached;
+mod host;
+mod place;
+mod result;
+mod stage_objects;
+
+pub use cached::{CachedBake, Outcome, look_up};
+pub use host::{Host, Notice};
+pub use place::{CachePlace, ENV_VAR, OutsideProject, SHARED_ENV_VAR, open_cache};
+pub use result::{BakeResult, DrawSheet, Parts};
+pub use stage_objects::StageObjects;

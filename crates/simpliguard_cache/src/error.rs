@@ -1,0 +1,49 @@
+//! Errors of the storage.
+
+use std::io;
+use std::path::PathBuf;
+
+/// An operation that the storage could not do. It is never a reason to stop a bake.
+#[derive(Debug, thiserror::Error)]
+pub enum StorageError {
+    /// The file system refused.
+    #[error("cache: cannot {action} {}: {source}", path.display())]
+    Io {
+        /// The operation, such as `read`.
+        action: &'static str,
+        /// The file or folder.
+        path: PathBuf,
+        /// The reason.
+        source: io::Error,
+    },
+    /// The place of the cache's files holds something that this program has not made.
+    #[error("cache: {} is not used: {found}; delete or rename it, or choose another folder for the cache", path.display())]
+    Foreign {
+        /// The file or folder.
+        path: PathBuf,
+        /// The content that was found.
+        found: String,
+    },
+    /// A file does not hold the bytes that were stored.
+    #[error("cache: {} {reason}; {}", path.display(), if *moved { "moved to quarantine" } else { "it could not be moved away" })]
+    Damaged {
+        /// The file.
+        path: PathBuf,
+        /// The damage.
+        reason: String,
+        /// True if the file is in quarantine now.
+        moved: bool,
+    },
+    /// The shared tier failed.
+    #[error(
+        "shared cache: cannot {action} {address}: {reason}; results stay on this machine: check the address and your rights there"
+    )]
+    Shared {
+        /// The operation, such as `read from`.
+        action: &'static str,
+        /// The address of the tier.
+        address: String,
+        /// The reason.
+        reason: String,
+    },
+}

@@ -1,0 +1,245 @@
+//! Single flight: of all threads and processes that miss a key at the same time, one makes the result.
+//!
+//! The maker of a result holds the operating system's lock of a file that is named by the key. The lock ends with its
+//! owner, even if the owner is killed, and the next one in line takes over. Where files cannot be created or locked,
+//! everybody makes the result: the results are equal, only the work is done twice.
+
+use std::fs::{self, File, OpenOptions, TryLockError};
+use std::path::PathBuf;
+use std::thread;
+use std::time::Duration;
+
+use simpliguard_key::Key;
+
+use crate::error::StorageError;
+use crate::store::Cache;
+
+/// Time between two tries to get a lock. It doubles from the first value to the second.
+const PAUSES: [Duration; 2] = [Duration::from_millis(10), Duration::from_millis(160)];
+
+/// An event on the way to a result, for a line of the log.
+#[derive(Debug, thiserror::Error)]
+pub enum Notice {
+    /// Another thread or process is making the result.
+    #[error("another program is making it; waiting")]
+    Waits,
+    /// The shared tier failed; the cache goes on without it.
+    #[error(transparent)]
+    Shared(#[from] StorageError),
+}
+
+/// A request for the result of a key.
+#[derive(Clone, Copy)]
+pub struct Flight<'a> {
+    /// The key.
+    pub key: &'a Key,
+    /// Asked while another one makes the result: `true` ends the wait.
+    pub is_cancelled: &'a dyn Fn() -> bool,
+    /// Receives the events on the way.
+    pub notify: &'a dyn Fn(Notice),
+}
+
+/// The outcome of [`Cache::single_flight`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum SingleFlight<T> {
+    /// The result was there, perhaps because another one has just made it.
+    Found(T),
+    /// The result was made here.
+    Made(T),
+    /// The wait for another maker was cancelled.
+    Cancelled,
+}
+
+impl Cache {
+    /// Gets the result of a key from `find`, or else from `make`, which also stores it.
+    ///
+    /// While another thread or process makes the result, this waits, and then calls `find` again. If that maker has
+    /// died, `make` is called here. Before `make`, the result is looked up in the shared tier. After `make`, it is
+    /// stored there.
+    ///
+    /// The wait blocks the thread. Never call this on a thread that `make` needs, such as one of its pool.
+    ///
+    /// # Errors
+    /// Those of `make` alone.
+    pub fn single_flight<T, E>(
+        &self,
+        flight: &Flight<'_>,
+        find: impl Fn() -> Option<T>,
+        make: impl FnOnce() -> Result<T, E>,
+    ) -> Result<SingleFlight<T>, E> {
+        if let Some(found) = find() {
+            return Ok(SingleFlight::Found(found));
+        }
+        let Some(claim) = Claim::wait_for(self, flight) else {
+            return Ok(SingleFlight::Cancelled);
+        };
+        if let Some(found) = find().or_else(|| if self.fetch(flight) { find() } else { None }) {
+            claim.settle(self);
+            return Ok(SingleFlight::Found(found));
+        }
+        let made = make()?;
+        claim.settle(self);
+        self.share(flight);
+        Ok(SingleFlight::Made(made))
+    }
+
+    /// Copies a result from the shared tier to this cache. Returns whether there was one.
+    fn fetch(&self, flight: &Flight<'_>) -> bool {
+        let Some(shared) = self.shared() else { return false };
+        let found = shared.get(flight.key);
+        let fetched = found.and_then(|found| found.map(|entry| self.put(flight.key, &entry)).transpose());
+        fetched.map_err(|error| (flight.notify)(error.into())).is_ok_and(|found| found.is_some())
+    }
+
+    /// Copies a result from this cache to the shared tier.
+    fn share(&self, flight: &Flight<'_>) {
+        if let Some(shared) = self.shared()
+            && let Ok(Some(entry)) = self.read(flight.key, |_| true)
+            && let Err(error) = shared.put(flight.key, &entry)
+        {
+            (flight.notify)(error.into());
+        }
+    }
+}
+
+/// The right to make one result. It is given back on drop.
+struct Claim {
+    path: PathBuf,
+    /// The locked file. `None` where files cannot be locked.
+    file: Option<File>,
+}
+
+impl Claim {
+    /// Waits for the right. `None` if the wait is cancelled.
+    fn wait_for(cache: &Cache, flight: &Flight<'_>) -> Option<Self> {
+        let path = cache.path("locks", flight.key.as_bytes());
+        let opened =
+            cache.own().write(&path, |path| OpenOptions::new().create(true).truncate(false).write(true).open(path));
+        let Ok(file) = opened else { return Some(Self { path, file: None }) };
+        let mut pause = PAUSES[0];
+        loop {
+            match file.try_lock() {
+                Ok(()) => return Some(Self { path, file: Some(file) }),
+                Err(TryLockError::Error(_)) => return Some(Self { path, file: None }),
+                Err(TryLockError::WouldBlock) => {}
+            }
+            if pause == PAUSES[0] {
+                (flight.notify)(Notice::Waits);
+            }
+            if (flight.is_cancelled)() {
+                return None;
+            }
+            thread::sleep(pause);
+            pause = (2 * pause).min(PAUSES[1]);
+        }
+    }
+
+    /// Removes the lock file, because the result is stored: those who wait find the result, and those who come later
+    /// need no lock. After a failure the file stays, so that all who wait go on waiting for the same file.
+    fn settle(self, cache: &Cache) {
+        if self.file.is_some() && cache.owns(&self.path).unwrap_or(false) {
+            // If this fails, the next collection removes the empty file.
+            let _ = fs::remove_file(&self.path);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::atomic::{AtomicBool, AtomicU32, Ordering::SeqCst};
+    use std::sync::mpsc;
+
+    use simpliguard_key::KeyBuilder;
+
+    use super::*;
+    use crate::record::Entry;
+    use crate::store::Lookup;
+
+    fn key() -> Key {
+        KeyBuilder::new("test").finish()
+    }
+
+    fn entry() -> Entry {
+        Entry { objects: vec![("a".into(), b"content".to_vec())] }
+    }
+
+    fn found(cache: &Cache) -> Option<Entry> {
+        if let Lookup::Hit(entry) = cache.get(&key()) { Some(entry) } else { None }
+    }
+
+    /// A request that is never cancelled.
+    fn flight(key: &Key) -> Flight<'_> {
+        Flight { key, is_cancelled: &|| false, notify: &|_| {} }
+    }
+
+    #[test]
+    fn many_threads_make_one_result() {
+        let dir = tempfile::tempdir().expect("tempdir");
+        let made = AtomicU32::new(0);
+        thread::scope(|scope| {
+            for _ in 0..8 {
+                scope.spawn(|| {
+                    let cache = Cache::new(dir.path());
+                    let make = || {
+                        made.fetch_add(1, SeqCst);
+                        thread::sleep(Duration::from_millis(50));
+                        cache.put(&key(), &entry()).map(|()| entry())
+                    };
+                    let outcome = cache.single_flight(&flight(&key()), || found(&cache), make).expect("makes");
+                    assert!(matches!(outcome, SingleFlight::Found(e) | SingleFlight::Made(e) if e == entry()));
+                });
+            }
+        });
+        assert_eq!(made.into_inner(), 1);
+        let locks: Vec<_> = fs::read_dir(Cache::new(dir.path()).folder().join("locks")).expect("lists").collect();
+        let left: usize = locks.iter().flatten().map(|d| fs::read_dir(d.path()).expect("lists").count()).sum();
+        assert_eq!(left, 0);
+    }
+
+    #[test]
+    fn after_a_failure_the_next_one_tries() {
+        let dir = tempfile::tempdir().expect("tempdir");
+        let (cache, key) = (Cache::new(dir.path()), key());
+        let flight = Flight { notify: &|notice| panic!("{notice}"), ..flight(&key) };
+        let make = |make: fn() -> Result<u8, &'static str>| cache.single_flight(&flight, || None, make);
+        assert_eq!(make(|| Err("no")), Err("no"));
+        assert_eq!(make(|| Ok(1)), Ok(SingleFlight::Made(1)));
+    }
+
+    #[test]
+    fn a_wait_can_be_cancelled() {
+        let dir = tempfile::tempdir().expect("tempdir");
+        let (cache, cancelled) = (Cache::new(dir.path()), AtomicBool::new(false));
+        let (started, start) = mpsc::channel();
+        let (end, ended) = mpsc::channel::<()>();
+        thread::scope(|scope| {
+            let cache = &cache;
+            scope.spawn(move || {
+                let make = || {
+                    started.send(()).expect("listens");
+                    ended.recv().map_err(|_| ())
+                };
+                assert_eq!(cache.single_flight(&flight(&key()), || None, make), Ok(SingleFlight::Made(())));
+            });
+            start.recv().expect("it makes");
+            let flight = Flight {
+                key: &key(),
+                is_cancelled: &|| cancelled.load(SeqCst),
+                notify: &|_| cancelled.store(true, SeqCst),
+            };
+            let outcome = cache.single_flight(&flight, || None::<()>, || Err("made twice"));
+            assert_eq!(outcome, Ok(SingleFlight::Cancelled));
+            end.send(()).expect("waits");
+        });
+    }
+
+    #[test]
+    fn without_locks_everybody_makes() {
+        let dir = tempfile::tempdir().expect("tempdir");
+        let root = dir.path().join("file");
+        fs::write(&root, b"").expect("writes");
+        let cache = Cache::new(&root);
+        let outcome = cache.single_flight(&flight(&key()), || None, || Ok::<_, ()>(1));
+        assert_eq!(outcome, Ok(SingleFlight::Made(1)));
+    }
+}

@@ -1,0 +1,12 @@
+//! Requests that cannot be carried out.
+
+/// A request that cannot be carried out as it stands. Nothing was baked.
+#[derive(Debug, thiserror::Error)]
+#[error("{0}")]
+pub(crate) struct UsageError(pub(crate) String);
+
+impl From<simpliguard::Error> for UsageError {
+    fn from(error: simpliguard::Error) -> Self {
+        Self(error.to_string())
+    }
+}

@@ -1,0 +1,40 @@
+//! Standard output.
+
+use std::io::{self, Write};
+
+use serde::Serialize;
+
+use crate::error::UsageError;
+
+/// A JSON document as text.
+pub(crate) fn json_text(document: &impl Serialize) -> Result<String, UsageError> {
+    let text = serde_json::to_string_pretty(document);
+    Ok(text.map_err(|e| UsageError(format!("cannot write the JSON document: {e}")))? + "\n")
+}
+
+/// Writes a text to standard output.
+pub(crate) fn write_stdout(text: &str) -> Result<(), UsageError> {
+    match io::stdout().write_all(text.as_bytes()) {
+        // The reader of a pipe may leave early.
+        Err(e) if e.kind() != io::ErrorKind::BrokenPipe => Err(UsageError(format!("cannot write to stdout: {e}"))),
+        _ => Ok(()),
+    }
+}
+
+/// Lines of cells in columns as wide as their longest cell. The first `left` columns are aligned to the left, and the
+/// last column too if `text_last`; the others are aligned to the right.
+pub(crate) fn columns(rows: &[Vec<String>], left: usize, text_last: bool) -> String {
+    let count = rows.iter().map(Vec::len).max().unwrap_or(0);
+    let width = |column: usize| rows.iter().filter_map(|row| row.get(column)).map(|c| c.chars().count()).max();
+    let widths: Vec<usize> = (0..count).map(|column| width(column).unwrap_or(0)).collect();
+    let mut text = String::new();
+    for row in rows {
+        let cells = row.iter().zip(&widths).enumerate().map(|(column, (cell, &width))| {
+            let is_left = column < left || text_last && column + 1 == count;
+            if is_left { format!("{cell:<width$}") } else { format!("{cell:>width$}") }
+        });
+        text += cells.collect::<Vec<_>>().join("  ").trim_end();
+        text.push('\n');
+    }
+    text
+}
