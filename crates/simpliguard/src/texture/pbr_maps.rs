@@ -6,9 +6,9 @@ use image::{Rgb, RgbImage, Rgba, RgbaImage};
 use super::encode::{encode_normal, to_byte};
 use super::material::MaterialStatistics;
 use super::texel_map::TexelMap;
+use crate::data::TextureFormat;
 use crate::data::{LevelMesh, LevelTextures, linear_to_srgb, srgb_to_linear};
 use crate::render::{SurfaceSample, fill_unknown};
-use crate::settings::TextureFormat;
 
 /// Images that a level gets besides its base colour.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
