@@ -5,7 +5,7 @@
 //! ```
 //!
 //! [`CachedBake::run`] is this way. [`Host`] is the program around it: its threads, its messages and its shutdown.
-//! [`CachedBake::look_up`] looks in the local cache alone and bakes nothing. [`open_cache`] finds the cache of a
+//! [`look_up`] looks in the local cache alone and bakes nothing. [`open_cache`] finds the cache of a
 //! project.
 
 mod cached;

@@ -70,7 +70,7 @@ pub fn bake(source: &Source<'_>, settings: &BakeSettings, context: &Context<'_>)
     // Reconstruct and simplify.
     let shapes = shapes::find(&prepared, &mut views, &params, (&targets, content), &run)?;
     preview::show(&prepared, &views, &params, &shapes, &run)?;
-    views.complete(&shapes, &params, &run);
+    views.complete(shapes.need_half_resolution, &params, &run);
     // Unwrap, skinning, texture, refine and maps.
     let levels =
         Levels { source: &prepared, views: &views, params: &params, shapes: &shapes, warm_start: false, run: &run };

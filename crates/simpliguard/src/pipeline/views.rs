@@ -2,7 +2,6 @@
 
 use super::params::Params;
 use super::runner::Runner;
-use super::shapes::Shapes;
 use super::source::SourceIndex;
 use crate::render::{View, ViewRenderer};
 use crate::{Error, StageId};
@@ -30,9 +29,9 @@ impl<'a> Views<'a> {
         run.time(StageId::Views, || self.renderer.half_resolution_views(&self.full, further))
     }
 
-    /// Renders the views of half resolution if they are still missing and some level needs them.
-    pub(crate) fn complete(&mut self, shapes: &Shapes, params: &Params, run: &Runner<'_>) {
-        if self.half_resolution.is_none() && shapes.need_half_resolution {
+    /// Renders the views of half resolution if some level needs them and they are still missing.
+    pub(crate) fn complete(&mut self, needs_half_resolution: bool, params: &Params, run: &Runner<'_>) {
+        if self.half_resolution.is_none() && needs_half_resolution {
             self.half_resolution = Some(self.render_half_resolution(params, run));
         }
     }

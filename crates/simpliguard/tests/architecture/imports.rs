@@ -115,7 +115,9 @@ fn uses(code: &str, module: &[String]) -> Vec<Use> {
         }
     }
     for word in code.split(|c: char| !(c.is_alphanumeric() || c == '_' || c == ':')) {
-        if word.starts_with("crate::") || word.starts_with("super::") {
+        // A list in braces is read with its `use`.
+        let is_path = word.starts_with("crate::") || word.starts_with("super::");
+        if is_path && !word.ends_with("::") {
             let path: Vec<String> = word.split("::").map(str::to_owned).collect();
             let name = path.last().cloned().unwrap_or_default();
             let absolute = absolute(&path, module, &children);

@@ -275,6 +275,9 @@ mod tests {
             candidate_key(&some_key("1"), &simplify(), candidate),
             atlas_key(&mesh, &[], &UnwrapParams { size: 512, gutter: 4 }),
         ];
-        assert_eq!((PIPELINE_VERSION, keys.map(|key| key.hex()[..16].to_owned())), ("9", ["", ""].map(str::to_owned)));
+        assert_eq!(
+            (PIPELINE_VERSION, keys.map(|key| key.hex()[..16].to_owned())),
+            ("9", ["eae5e55906c6519b", "65214185174687b7"].map(str::to_owned))
+        );
     }
 }
