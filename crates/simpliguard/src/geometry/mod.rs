@@ -10,6 +10,7 @@ mod intersection;
 mod kd_tree;
 mod random;
 mod sampling;
+pub(crate) mod self_intersection;
 mod topology;
 mod triangle;
 

@@ -7,14 +7,12 @@ use glam::Vec3;
 use super::low_poly::LowPoly;
 use crate::data::{TriMesh, area_vector};
 use crate::geometry::intersecting_pairs;
+use crate::geometry::self_intersection::SLIDING_PAIRS;
 
 /// Rounds in which vertices keep [`KEEP`] of their displacement. In later rounds they keep none of it.
 const ROUNDS: usize = 8;
 /// Fraction of the displacement that vertices of intersecting faces keep in each round.
 const KEEP: f32 = 0.7;
-/// Above this many intersecting pairs per face the constraints let intersecting faces slide: new pairs may form next to the
-/// old ones.
-const SLIDING_PAIRS: f64 = 0.015;
 /// Smallest cosine between a face's initial and present normal.
 const SMALLEST_COSINE: f32 = 0.05;
 /// Smallest fraction of its initial area that a face must keep.

@@ -6,7 +6,6 @@ use super::face_weights::face_weights;
 use super::inputs::Inputs;
 use super::params::SimplifyParams;
 use super::qem::Simplifier;
-use super::self_intersection::{self, DEEP_CONTACT, SHALLOW_CONTACT, TOLERATED, WORTH_DEEP_RESOLUTION};
 use super::shape::{Shape, Shortfall};
 use super::simplify_input::{SimplifyInput, pixels_in_motion};
 use super::unit_sphere::{from_unit_sphere, to_unit_sphere};
@@ -14,6 +13,7 @@ use super::visibility;
 use crate::animation::{Motions, Poses};
 use crate::data::{Candidate, TriMesh};
 use crate::geometry::BoundingSphere;
+use crate::geometry::self_intersection::{self, DEEP_CONTACT, SHALLOW_CONTACT, TOLERATED, WORTH_DEEP_RESOLUTION};
 
 /// Number of faces at which enclosed faces are removed, as a multiple of the largest budget.
 const ENCLOSED_AT: usize = 4;

@@ -20,7 +20,6 @@ mod params;
 mod qem;
 mod score;
 mod select;
-mod self_intersection;
 mod shape;
 mod simplify_input;
 mod unit_sphere;

@@ -8,10 +8,10 @@ use glam::{Vec4, Vec4Swizzles};
 use rayon::prelude::*;
 
 use super::inputs::Inputs;
-use super::self_intersection;
 use super::shape::Shape;
 use crate::animation::Motions;
 use crate::data::TriMesh;
+use crate::geometry::self_intersection;
 use crate::render::raster::{barycentric_at, barycentric_coefficients, pixel_to_ndc};
 use crate::render::{EMPTY_PIXEL, Raster, View};
 

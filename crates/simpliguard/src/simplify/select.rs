@@ -4,10 +4,10 @@
 //! cracks; the lowest score wins. So a gain of a tenth of a decibel, which a texture may paint over, cannot make up for
 //! any of them.
 
-use super::self_intersection::{SEVERE, TOLERATED};
 use super::shape::Shape;
 use crate::data::Candidate;
 use crate::geometry::Topology;
+use crate::geometry::self_intersection::{SEVERE, TOLERATED};
 
 /// Factor on the score of a shape that exceeds the tolerated self-intersections only just.
 const SLIGHT_HANDICAP: f64 = 1.05;

@@ -11,8 +11,8 @@ use glam::DVec3;
 
 use super::contact::Contact;
 use super::simplifier::Simplifier;
+use crate::geometry::self_intersection::WORTH_RESOLUTION;
 use crate::geometry::{Box3, area_vector, intersect};
-use crate::simplify::self_intersection::WORTH_RESOLUTION;
 
 /// Most rounds over all contacts.
 const ROUNDS: usize = 80;
