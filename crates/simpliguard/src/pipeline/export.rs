@@ -1,8 +1,8 @@
 //! The file of a bake.
 
-use super::PIPELINE_VERSION;
 use super::params::Params;
 use super::runner::Runner;
+use super::version::PIPELINE_VERSION;
 use crate::data::{Level, Model};
 use crate::gltf::{self, ExportParams};
 use crate::{Error, StageId};

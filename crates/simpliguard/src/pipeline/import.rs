@@ -1,6 +1,6 @@
 //! The import, and the files that pass through.
 
-use super::Baked;
+use super::baked::Baked;
 use super::params::Params;
 use super::report::{Report, Status};
 use super::runner::Runner;

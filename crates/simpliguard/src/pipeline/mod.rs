@@ -1,5 +1,6 @@
 //! The pipeline: all the way through, from a glTF file to the same file with levels of detail.
 
+mod baked;
 mod clock;
 pub(crate) mod context;
 mod export;
@@ -16,9 +17,9 @@ mod source;
 pub(crate) mod stage;
 pub(crate) mod store;
 mod targets;
+mod version;
 mod views;
 
-use crate::data::{Level, Model};
 use crate::settings::BakeSettings;
 use crate::{Context, Error, Source};
 use import::Imported;
@@ -29,24 +30,8 @@ use runner::Runner;
 use source::{PreparedSource, SourceIndex};
 use views::Views;
 
-/// Part of every cache key. Raise it whenever the output of any stage changes for equal input and settings.
-pub const PIPELINE_VERSION: &str = "9";
-
-/// The `opt-level` this crate was compiled with. Below `2` a bake takes many times as long.
-pub const OPT_LEVEL: &str = env!("SIMPLIGUARD_OPT_LEVEL");
-
-/// The outcome of [`bake`].
-#[derive(Debug)]
-pub struct Baked {
-    /// A binary glTF: the source, and the levels behind it.
-    pub glb: Vec<u8>,
-    /// The levels, budgets ascending; empty unless baked.
-    pub levels: Vec<Level>,
-    /// The imported source, if it was imported.
-    pub model: Option<Model>,
-    /// The report of the bake.
-    pub report: Report,
-}
+pub use baked::Baked;
+pub use version::{OPT_LEVEL, PIPELINE_VERSION};
 
 /// Bakes levels of detail for one file.
 ///

@@ -3,6 +3,9 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
+/// Stands for a path into another crate.
+const OTHER_CRATE: &str = "::";
+
 /// The files of a crate and the names that they import.
 pub(crate) struct Crate {
     pub(crate) name: String,
@@ -44,8 +47,11 @@ impl Crate {
         out
     }
 
-    /// The file that defines the item of a path.
+    /// The file that defines the item of a path; `None` if another crate does.
     fn file_of(&self, path: &[String], depth: usize) -> Option<&String> {
+        if path.first().is_some_and(|first| first == OTHER_CRATE) {
+            return None;
+        }
         let longest = (0..=path.len()).rev().find(|n| self.modules.contains_key(&path[..*n]))?;
         let module = &self.modules[&path[..longest]];
         let Some(item) = path.get(longest) else {
@@ -53,7 +59,7 @@ impl Crate {
         };
         // Names that the module passes on come from another file.
         let passed_on = module.uses.iter().find(|u| u.is_public && u.name == *item && depth < 8);
-        passed_on.and_then(|u| self.file_of(&u.path, depth + 1)).or(Some(&module.file))
+        passed_on.map_or(Some(&module.file), |u| self.file_of(&u.path, depth + 1))
     }
 }
 
@@ -110,8 +116,8 @@ fn uses(code: &str, module: &[String]) -> Vec<Use> {
             _ => continue,
         };
         for (path, name) in leaves(tree) {
-            let absolute = absolute(&path, module, &children);
-            out.extend(absolute.map(|path| Use { path, name, is_public }));
+            let path = absolute(&path, module, &children).unwrap_or_else(|| vec![OTHER_CRATE.to_owned()]);
+            out.push(Use { path, name, is_public });
         }
     }
     for word in code.split(|c: char| !(c.is_alphanumeric() || c == '_' || c == ':')) {
