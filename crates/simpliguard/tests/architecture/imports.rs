@@ -91,7 +91,9 @@ fn read_folder(src: &Path, folder: &Path, modules: &mut BTreeMap<Vec<String>, Mo
 /// The code without comments and without what is compiled for tests alone, which stands at the end of a file.
 fn without_tests_and_comments(text: &str) -> String {
     let lines = text.lines().take_while(|line| *line != "#[cfg(test)]" || !text.contains("mod tests {"));
-    lines.map(|line| line.split("//").next().unwrap_or_default()).collect::<Vec<_>>().join("\n")
+    // A visibility such as `pub(in crate::refine)` imports nothing.
+    let code = |line: &str| line.split("//").next().unwrap_or_default().replace("(in crate::", "(in ");
+    lines.map(code).collect::<Vec<_>>().join("\n")
 }
 
 /// Paths below `crate`, `self` and `super`, and those of `use` lines that begin with a child of the module.

@@ -1,66 +1,12 @@
-//! Bytes of objects: numbers and slices one behind the other.
+//! The encoding of each kind of object.
 
-use bytemuck::{AnyBitPattern, NoUninit, Pod};
 use glam::Vec3;
 
-use super::Stored;
+use super::stored::{Reader, Stored, Writer};
 use crate::data::{Atlas, Cards, Deviation, Influences, TriMesh};
 use crate::data::{Candidate, Reconstruction};
 use crate::refine::Refined;
 use crate::simplify::{Shape, Shortfall};
-
-#[derive(Default)]
-pub(crate) struct Writer(Vec<u8>);
-
-impl Writer {
-    pub(super) fn finish(self) -> Vec<u8> {
-        self.0
-    }
-
-    fn number<T: NoUninit>(&mut self, number: T) {
-        self.0.extend(bytemuck::bytes_of(&number));
-    }
-
-    fn slice<T: NoUninit>(&mut self, items: &[T]) {
-        self.number(items.len() as u64);
-        self.0.extend(bytemuck::cast_slice::<T, u8>(items));
-    }
-}
-
-pub(crate) struct Reader<'a>(&'a [u8]);
-
-impl<'a> Reader<'a> {
-    pub(super) fn new(bytes: &'a [u8]) -> Self {
-        Self(bytes)
-    }
-
-    pub(super) fn is_at_end(&self) -> bool {
-        self.0.is_empty()
-    }
-
-    fn number<T: AnyBitPattern>(&mut self) -> Option<T> {
-        self.take(size_of::<T>()).map(bytemuck::pod_read_unaligned)
-    }
-
-    fn flag(&mut self) -> Option<bool> {
-        match self.number::<u8>()? {
-            0 => Some(false),
-            1 => Some(true),
-            _ => None,
-        }
-    }
-
-    fn slice<T: Pod>(&mut self) -> Option<Vec<T>> {
-        let count = usize::try_from(self.number::<u64>()?).ok()?;
-        Some(bytemuck::pod_collect_to_vec(self.take(count.checked_mul(size_of::<T>())?)?))
-    }
-
-    fn take(&mut self, n: usize) -> Option<&'a [u8]> {
-        let (taken, rest) = self.0.split_at_checked(n)?;
-        self.0 = rest;
-        Some(taken)
-    }
-}
 
 impl<T: Stored> Stored for Vec<T> {
     fn write(&self, writer: &mut Writer) {
@@ -266,8 +212,8 @@ impl Stored for Atlas {
 mod tests {
     use glam::Vec2;
 
-    use super::super::{decode, encode};
     use super::*;
+    use crate::pipeline::store::{decode, encode};
 
     fn shapes() -> Vec<Shape> {
         let mesh = TriMesh { positions: vec![Vec3::X, Vec3::Y, Vec3::Z], triangles: vec![[0, 1, 2]] };

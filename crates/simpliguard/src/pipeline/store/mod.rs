@@ -16,29 +16,8 @@
 
 mod codec;
 mod keys;
-
-use codec::{Reader, Writer};
+mod stored;
 
 pub use keys::bake_key;
 pub(crate) use keys::{atlas_key, candidate_key, content_key, form_key, shapes_key, vertices_key, warm_start_key};
-
-/// An object that a [`crate::StageStore`] can keep.
-pub(crate) trait Stored: Sized {
-    fn write(&self, writer: &mut Writer);
-    /// `None` if these are not the bytes of such an object.
-    fn read(reader: &mut Reader<'_>) -> Option<Self>;
-}
-
-/// The bytes of an object.
-pub(crate) fn encode<T: Stored>(object: &T) -> Vec<u8> {
-    let mut writer = Writer::default();
-    object.write(&mut writer);
-    writer.finish()
-}
-
-/// The object of these bytes; `None` if they are damaged.
-pub(crate) fn decode<T: Stored>(bytes: &[u8]) -> Option<T> {
-    let mut reader = Reader::new(bytes);
-    let object = T::read(&mut reader)?;
-    reader.is_at_end().then_some(object)
-}
+pub(crate) use stored::{Stored, decode, encode};
