@@ -23,6 +23,11 @@ pub struct Atlas {
 }
 
 impl Atlas {
+    /// The atlas of some of the faces. The figures are those of the whole.
+    pub fn part(&self, faces: std::ops::Range<usize>) -> Self {
+        Self { uvs: self.uvs[faces.clone()].to_vec(), chart: self.chart[faces].to_vec(), ..*self }
+    }
+
     /// Checks the atlas of a mesh of `faces` faces: array lengths, coordinates in `[0, 1]`, positive signed areas, and
     /// charts below the number of charts.
     ///

@@ -1,5 +1,7 @@
 //! A finished level of detail.
 
+use std::ops::Range;
+
 use glam::{Affine2, Vec3, Vec4};
 use image::{DynamicImage, RgbImage, RgbaImage};
 
@@ -16,36 +18,58 @@ pub struct Level {
     pub mesh: LevelMesh,
     /// Its skin lists only the joints that it uses, instead of all joints of the source.
     pub own_joints: bool,
-    /// Its one material.
-    pub material: LevelMaterial,
+    /// Its surfaces: the solid one first, clear ones behind it. At least one.
+    pub layers: Vec<LevelLayer>,
     /// Its one texture set.
     pub textures: LevelTextures,
+}
+
+/// A part of a level with a material of its own. The triangles of the layers follow each other in the level's mesh.
+#[derive(Clone, Debug, PartialEq)]
+pub struct LevelLayer {
+    /// Number of triangles.
+    pub triangles: usize,
+    /// Its material.
+    pub material: LevelMaterial,
 }
 
 impl Level {
     /// The level as a source model, so that it can be drawn and measured in the same way. Rest pose, without bones.
     pub fn to_model(&self, name: &str) -> Model {
         let mesh = &self.mesh;
-        let (material, textures) = self.to_material();
-        let emitting = Material {
+        let (materials, textures) = self.to_materials();
+        let emitting = |material: Material| Material {
             base_color: Vec4::W,
             emissive: Vec3::ONE,
             emissive_texture: material.base_color_texture,
-            ..material.clone()
+            ..material
         };
+        // Each layer's material, followed by that of its triangles that only emit light.
+        let materials: Vec<Material> = materials.into_iter().flat_map(|m| [m.clone(), emitting(m)]).collect();
+        let layers = self.layers.iter().zip(0..).flat_map(|(layer, i)| std::iter::repeat_n(2 * i, layer.triangles));
+        let material = |(layer, &t): (u32, &[u32; 3])| layer + u32::from(self.triangle_only_emits(t));
         let surface = Surface {
             positions: mesh.positions.clone(),
             normals: mesh.normals.clone(),
             tangents: mesh.tangents.clone(),
             uvs: [mesh.uvs.clone(), Vec::new()],
             triangles: mesh.triangles.clone(),
-            material: mesh.triangles.iter().map(|&t| u32::from(self.triangle_only_emits(t))).collect(),
+            material: layers.zip(&mesh.triangles).map(material).collect(),
             ..Surface::default()
         };
-        Model { surface, materials: vec![material, emitting], textures, ..Model::empty(name) }
+        Model { surface, materials, textures, ..Model::empty(name) }
     }
 
-    /// Checks the textures, the mesh, and that the mesh is within the budget.
+    /// The triangles of each layer, in the mesh.
+    pub fn layer_ranges(&self) -> impl Iterator<Item = (Range<usize>, &LevelMaterial)> {
+        self.layers.iter().scan(0, |first, layer| {
+            let range = *first..*first + layer.triangles;
+            *first = range.end;
+            Some((range, &layer.material))
+        })
+    }
+
+    /// Checks the textures, the mesh, its layers, and that the mesh is within the budget.
     ///
     /// # Errors
     /// The first broken rule, with the values found.
@@ -54,12 +78,17 @@ impl Level {
         if faces > budget as usize {
             return Err(format!("the level has {faces} triangles, over its budget of {budget}"));
         }
+        let in_layers: usize = self.layers.iter().map(|layer| layer.triangles).sum();
+        if in_layers != faces || self.layers.is_empty() {
+            let layers = self.layers.len();
+            return Err(format!("the level has {faces} triangles, and {in_layers} in its {layers} layers"));
+        }
         self.textures.validate()?;
         self.mesh.validate()
     }
 
-    /// The material of the faces that reflect light, and the textures of all faces.
-    fn to_material(&self) -> (Material, Vec<Texture>) {
+    /// The material of each layer's faces that reflect light, and the textures of all faces.
+    fn to_materials(&self) -> (Vec<Material>, Vec<Texture>) {
         let wrap = [Wrap::Clamp; 2];
         let mut textures = Vec::new();
         let mut bind = |image: Option<RgbaImage>, srgb: bool| {
@@ -69,21 +98,25 @@ impl Level {
         };
         let rgba = |image: &Option<RgbImage>| image.clone().map(|i| DynamicImage::ImageRgb8(i).to_rgba8());
         let rough_metal = bind(rgba(&self.textures.occlusion_roughness_metallic), false);
-        let material = Material {
+        let bound = Material {
             base_color_texture: bind(Some(self.seen_colors()), true),
             normal_texture: bind(rgba(&self.textures.normal), false),
             emissive_texture: bind(rgba(&self.textures.emissive), true),
-            metallic: if rough_metal.is_some() { 1.0 } else { self.material.metallic },
-            roughness: if rough_metal.is_some() { 1.0 } else { self.material.roughness },
             metallic_roughness_texture: rough_metal,
             occlusion_texture: rough_metal,
-            emissive: self.material.emissive,
-            alpha_mode: self.material.alpha_mode,
-            double_sided: self.material.double_sided,
-            unlit: self.material.unlit,
             ..Material::default()
         };
-        (material, textures)
+        let of_layer = |LevelLayer { material, .. }: &LevelLayer| Material {
+            metallic: if rough_metal.is_some() { 1.0 } else { material.metallic },
+            roughness: if rough_metal.is_some() { 1.0 } else { material.roughness },
+            emissive: material.emissive,
+            alpha_mode: material.alpha_mode,
+            double_sided: material.double_sided,
+            unlit: material.unlit,
+            transmission: material.transmission,
+            ..bound.clone()
+        };
+        (self.layers.iter().map(of_layer).collect(), textures)
     }
 
     /// Base colours, with emitted colours where the base colour is black: see [`Material::only_emits`].
@@ -98,7 +131,8 @@ impl Level {
 
     /// True if a texel shows nothing but emitted light.
     fn only_emits(&self, x: u32, y: u32) -> bool {
-        let emissive = self.textures.emissive.as_ref().filter(|_| self.material.emissive == Vec3::ONE);
+        let is_whole = self.layers.iter().all(|layer| layer.material.emissive == Vec3::ONE);
+        let emissive = self.textures.emissive.as_ref().filter(|_| is_whole);
         let black = self.textures.base_color.get_pixel(x, y).0[..3] == [0; 3];
         black && emissive.is_some_and(|image| image.get_pixel(x, y).0 != [0; 3])
     }
@@ -133,14 +167,18 @@ mod tests {
                 ..LevelMesh::default()
             },
             own_joints: false,
-            material: LevelMaterial {
-                alpha_mode: AlphaMode::Opaque,
-                double_sided: false,
-                unlit: false,
-                metallic: 0.0,
-                roughness: 1.0,
-                emissive: Vec3::ZERO,
-            },
+            layers: vec![LevelLayer {
+                triangles: 1,
+                material: LevelMaterial {
+                    alpha_mode: AlphaMode::Opaque,
+                    double_sided: false,
+                    unlit: false,
+                    metallic: 0.0,
+                    roughness: 1.0,
+                    emissive: Vec3::ZERO,
+                    transmission: None,
+                },
+            }],
             textures: LevelTextures {
                 base_color: RgbaImage::from_pixel(4, 4, Rgba([255; 4])),
                 normal: None,
@@ -164,6 +202,7 @@ mod tests {
             level.validate().expect_err("broken")
         };
         assert!(message(&|level| level.budget = 0).contains("1 triangles, over its budget of 0"));
+        assert!(message(&|level| level.layers[0].triangles = 2).contains("1 triangles, and 2 in its 1 layers"));
         assert!(message(&|level| level.mesh.normals[0] = Vec3::X * 2.0).contains("normal of vertex 0"));
         assert!(message(&|level| level.textures.normal = Some(RgbImage::new(2, 2))).contains("normal map"));
     }

@@ -4,7 +4,7 @@ use glam::Vec3;
 use image::{RgbImage, RgbaImage};
 use serde::{Deserialize, Serialize};
 
-use super::AlphaMode;
+use super::{AlphaMode, Transmission};
 
 /// Factors and modes of a level's material. Values that vary over the surface are in [`LevelTextures`].
 #[derive(Clone, Debug, PartialEq)]
@@ -21,6 +21,8 @@ pub struct LevelMaterial {
     pub roughness: f32,
     /// Linear light, multiplied onto the emissive texture; zero without one.
     pub emissive: Vec3,
+    /// Light passes through it.
+    pub transmission: Option<Transmission>,
 }
 
 /// Square textures of one size, clamped at the borders.

@@ -35,6 +35,23 @@ pub struct Material {
     pub double_sided: bool,
     /// `KHR_materials_unlit`.
     pub unlit: bool,
+    /// Light passes through it; `None` if none does.
+    pub transmission: Option<Transmission>,
+}
+
+/// Factors of `KHR_materials_transmission`, `KHR_materials_ior` and `KHR_materials_volume`. Their textures are not read.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Transmission {
+    /// Fraction of the light that passes through the surface; above 0, at most 1.
+    pub factor: f32,
+    /// Index of refraction, at least 1; 1.5 for glass.
+    pub ior: f32,
+    /// Thickness of the volume beneath the surface, in units of its mesh; 0 for a thin wall.
+    pub thickness: f32,
+    /// Distance within the volume after which light has the attenuation colour, in the same units; infinite if it keeps its own.
+    pub attenuation_distance: f32,
+    /// Linear RGB.
+    pub attenuation_color: Vec3,
 }
 
 /// Base colours up to this reflect no visible light.
@@ -67,6 +84,7 @@ impl Default for Material {
             alpha_mode: AlphaMode::Opaque,
             double_sided: false,
             unlit: false,
+            transmission: None,
         }
     }
 }

@@ -12,6 +12,13 @@ pub struct TriMesh {
 }
 
 impl TriMesh {
+    /// Appends the vertices and triangles of another mesh.
+    pub fn append(&mut self, other: &Self) {
+        let first = self.positions.len() as u32;
+        self.positions.extend_from_slice(&other.positions);
+        self.triangles.extend(other.triangles.iter().map(|triangle| triangle.map(|v| v + first)));
+    }
+
     /// The corners of triangle `t`.
     pub fn corners(&self, t: usize) -> [Vec3; 3] {
         self.triangles[t].map(|v| self.positions[v as usize])

@@ -35,6 +35,20 @@ impl Model {
         }
     }
 
+    /// The model with another surface and other materials. Textures are shared.
+    pub fn with_surface(&self, surface: Surface, materials: Vec<Material>) -> Self {
+        let Self { name, surface: _, materials: _, textures, rig, document, notes } = self;
+        Self {
+            name: name.clone(),
+            surface,
+            materials,
+            textures: textures.clone(),
+            rig: rig.clone(),
+            document: document.clone(),
+            notes: notes.clone(),
+        }
+    }
+
     /// The material of triangle `t` of the surface.
     pub fn material_of(&self, t: u32) -> &Material {
         &self.materials[self.surface.material[t as usize] as usize]

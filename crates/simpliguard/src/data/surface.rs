@@ -2,7 +2,7 @@
 
 use glam::{Vec2, Vec3, Vec4};
 
-use super::{Influences, Morphs};
+use super::{Influences, MorphTarget, Morphs};
 
 /// Smallest [`Surface::extent`] that levels are made for, in metres. Below it the squares of areas leave the range of
 /// `f32`.
@@ -50,5 +50,66 @@ impl Surface {
             }
         }
         bounds.map_or(0.0, |(low, high)| (high - low).max_element())
+    }
+
+    /// The triangles with these indices, in their order, and only the vertices that they use.
+    pub fn subset(&self, triangles: &[u32]) -> Self {
+        const UNUSED: u32 = u32::MAX;
+        let mut new_index = vec![UNUSED; self.positions.len()];
+        let corners = |&t: &u32| self.triangles[t as usize];
+        triangles.iter().flat_map(corners).for_each(|v| new_index[v as usize] = 0);
+        let kept: Vec<usize> = (0..new_index.len()).filter(|&v| new_index[v] != UNUSED).collect();
+        kept.iter().zip(0..).for_each(|(&v, new)| new_index[v] = new);
+        let target = |target: &MorphTarget| {
+            let moved = target.displacements.iter().filter(|(v, _)| new_index[*v as usize] != UNUSED);
+            let displacements = moved.map(|&(v, offset)| (new_index[v as usize], offset)).collect();
+            MorphTarget { displacements, ..target.clone() }
+        };
+        Self {
+            positions: of(&self.positions, &kept),
+            normals: of(&self.normals, &kept),
+            tangents: of(&self.tangents, &kept),
+            uvs: [of(&self.uvs[0], &kept), of(&self.uvs[1], &kept)],
+            colors: of(&self.colors, &kept),
+            painted: of(&self.painted, &kept),
+            influences: of(&self.influences, &kept),
+            triangles: triangles.iter().map(|t| corners(t).map(|v| new_index[v as usize])).collect(),
+            material: triangles.iter().map(|&t| self.material[t as usize]).collect(),
+            morphs: self
+                .morphs
+                .as_ref()
+                .map(|morphs| Morphs { node: morphs.node, targets: morphs.targets.iter().map(target).collect() }),
+        }
+    }
+}
+
+/// The elements of a per-vertex array with the indices `kept`; an empty array stays empty.
+fn of<T: Copy>(all: &[T], kept: &[usize]) -> Vec<T> {
+    if all.is_empty() { Vec::new() } else { kept.iter().map(|&v| all[v]).collect() }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_subset_keeps_only_what_its_triangles_use() {
+        let displacements = vec![(0, Vec3::X), (3, Vec3::Y)];
+        let surface = Surface {
+            positions: (0..4).map(|i| Vec3::splat(i as f32)).collect(),
+            normals: vec![Vec3::X, Vec3::Y, Vec3::Z, Vec3::NEG_X],
+            painted: vec![0.0, 0.1, 0.2, 0.3],
+            triangles: vec![[0, 1, 2], [3, 2, 1]],
+            material: vec![5, 6],
+            morphs: Some(Morphs { node: 7, targets: vec![MorphTarget { displacements, ..MorphTarget::default() }] }),
+            ..Surface::default()
+        };
+        let subset = surface.subset(&[1]);
+        assert_eq!(subset.positions, [1.0, 2.0, 3.0].map(Vec3::splat));
+        assert_eq!(subset.normals, [Vec3::Y, Vec3::Z, Vec3::NEG_X]);
+        assert_eq!((subset.painted.as_slice(), subset.colors.len()), ([0.1, 0.2, 0.3].as_slice(), 0));
+        assert_eq!((subset.triangles, subset.material), (vec![[2, 1, 0]], vec![6]));
+        let morphs = subset.morphs.expect("morph targets");
+        assert_eq!((morphs.node, morphs.targets[0].displacements.as_slice()), (7, [(2, Vec3::Y)].as_slice()));
     }
 }

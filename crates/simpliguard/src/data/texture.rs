@@ -1,5 +1,7 @@
 //! Decoded images with mip chains, filtered in linear light.
 
+use std::sync::Arc;
+
 use glam::{Vec2, Vec4};
 use image::RgbaImage;
 
@@ -20,8 +22,8 @@ pub enum Wrap {
 /// An image with its mip chain and its sampler's wrap modes.
 #[derive(Clone, Debug)]
 pub struct Texture {
-    /// From full size down to 1 x 1. Each side is half the one before, rounded down.
-    mips: Vec<Mip>,
+    /// From full size down to 1 x 1. Each side is half the one before, rounded down. Clones share them.
+    mips: Arc<[Mip]>,
     wrap: [Wrap; 2],
     /// The value of each byte in red, green and blue.
     decode: &'static [f32; 256],
@@ -50,7 +52,7 @@ impl Texture {
             let next = last.halved(decode, srgb);
             mips.push(next);
         }
-        Self { mips, wrap, decode }
+        Self { mips: mips.into(), wrap, decode }
     }
 
     /// Width and height in texels.

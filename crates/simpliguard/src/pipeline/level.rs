@@ -3,23 +3,20 @@
 use glam::Vec3;
 use rayon::prelude::*;
 
+use super::level_task::{LevelTask, Levels};
 use super::level_texture::LevelTexture;
-use super::params::{LevelParams, Params};
-use super::report::{LevelReport, LevelTopology};
-use super::runner::Runner;
-use super::shapes::Shapes;
-use super::source::PreparedSource;
+use super::level_whole::{Finished, WholeLevel};
+use super::params::LevelParams;
+use super::report::LevelReport;
 use super::store::{atlas_key, vertices_key, warm_start_key};
-use super::views::Views;
 use crate::animation::Motions;
 use crate::data::{Atlas, Candidate, Influences, Level, TriMesh};
-use crate::geometry::Topology;
+use crate::geometry::{BoundingSphere, Topology};
 use crate::refine::{self, LowPoly, RefineParams, Refined, Skin, TexelGrid, TextureFit, ViewTarget};
 use crate::render::SurfaceSample;
 use crate::settings::JointSplitting;
 use crate::simplify::{self, Shape};
 use crate::skinning;
-use crate::texture::{self, Channels};
 use crate::unwrap::unwrap;
 use crate::{Error, StageId};
 
@@ -27,46 +24,21 @@ use crate::{Error, StageId};
 const FITTED_SIZE: usize = 512;
 /// Difference of colours at which a pixel counts half in the final texture.
 const TRUST: f32 = 0.3;
-/// Least fraction of a budget that needs no reason.
-const FULL_BUDGET: f64 = 0.98;
 /// One texel in this many may be clear in a level that is not cut out.
 const CLEAR_TEXELS: usize = 20;
-
-/// Everything that the levels of a bake share.
-#[derive(Clone, Copy)]
-pub(super) struct Levels<'a> {
-    pub(super) source: &'a PreparedSource<'a>,
-    pub(super) views: &'a Views<'a>,
-    pub(super) params: &'a Params,
-    pub(super) shapes: &'a Shapes,
-    /// Vertices may lie where an earlier bake with other views has left them: for a preview.
-    pub(super) warm_start: bool,
-    pub(super) run: &'a Runner<'a>,
-}
 
 impl Levels<'_> {
     /// Makes the levels side by side, and a report of each.
     pub(super) fn make(&self) -> Result<(Vec<Level>, Vec<LevelReport>), Error> {
-        let levels = &self.shapes.levels;
+        let levels = &self.shapes.solid.levels;
         self.run.expect_levels(levels.len());
         let make = |(i, (budget, shape)): (usize, &(u32, Shape))| {
             let (number, params) = (i + 1, self.params.level(*budget, shape.cards.is_some()));
-            LevelMaker { all: *self, number, budget: *budget, shape, params, run: self.run.level(number) }.make()
+            LevelTask { all: *self, number, budget: *budget, shape, params, run: self.run.level(number) }.make()
         };
         let made: Result<Vec<_>, Error> = levels.par_iter().enumerate().map(make).collect();
         Ok(made?.into_iter().unzip())
     }
-}
-
-/// Makes one level.
-struct LevelMaker<'a> {
-    all: Levels<'a>,
-    /// Counted from 1.
-    number: usize,
-    budget: u32,
-    shape: &'a Shape,
-    params: LevelParams,
-    run: Runner<'a>,
 }
 
 /// A level's mesh with its initial texture, and how the texture is fitted.
@@ -83,21 +55,9 @@ struct Vertices {
     refined: Option<Refined>,
 }
 
-/// A level with its final texture.
-struct Finished {
-    low: LowPoly,
-    influences: Vec<Influences>,
-    /// Samples of the source at each texel.
-    samples: Vec<Option<SurfaceSample>>,
-    /// Its outline is in its texture.
-    cut_out: bool,
-    refined: Option<Refined>,
-}
-
-impl LevelMaker<'_> {
+impl LevelTask<'_> {
     fn make(&self) -> Result<(Level, LevelReport), Error> {
-        let atlas = self.unwrap()?;
-        self.run.validate(StageId::Unwrap, || atlas.validate(self.shape.mesh.triangles.len()));
+        let (atlas, clear_atlas) = self.unwrap()?;
         let influences = self.skin()?;
         self.run.validate(StageId::Skinning, || influences.iter().try_for_each(Influences::validate));
         let vertices = match self.initial_texture(&atlas, &influences)? {
@@ -106,21 +66,32 @@ impl LevelMaker<'_> {
         };
         self.run.validate(StageId::Refine, || Topology::validate_manifold(&vertices.low.mesh()));
         let (vertices, atlas) = self.split_at_joints(vertices, atlas);
-        let (level, report) = self.finish(vertices, &atlas)?;
+        let (level, report) = self.finish(vertices, &atlas, &clear_atlas)?;
         self.run.validate(StageId::Maps, || level.validate());
         Ok((level, report))
     }
 
-    /// Charts and texture coordinates, denser where more is seen.
-    fn unwrap(&self) -> Result<Atlas, Error> {
+    /// Charts and texture coordinates, denser where more is seen: those of the solid layer, and those of the clear layers.
+    fn unwrap(&self) -> Result<(Atlas, Atlas), Error> {
         let Self { shape, run, .. } = self;
-        let (mesh, params, cancellation) = (&shape.mesh, &self.params.unwrap, run.cancellation());
-        run.run(StageId::Unwrap, || {
-            let sphere = &self.all.source.index.sphere;
-            let density = simplify::texel_density(mesh, sphere, shape.double_sided, cancellation);
-            let key = run.key(|| atlas_key(mesh, &density, params));
-            run.get_or_put(key, || Ok(unwrap(mesh, Some(&density), params, cancellation)))
-        })?
+        let (params, cancellation) = (&self.params.unwrap, run.cancellation());
+        let atlas = run.run(StageId::Unwrap, || {
+            let density = |mesh: &TriMesh, sphere: &BoundingSphere, double_sided| {
+                simplify::texel_density(mesh, sphere, double_sided, cancellation)
+            };
+            let mut mesh = shape.mesh.clone();
+            let mut densities = density(&mesh, &self.all.source.index.sphere, shape.double_sided);
+            for (layer, clear) in self.clear() {
+                mesh.append(&clear.mesh);
+                densities.extend(density(&clear.mesh, &layer.source.index.sphere, clear.double_sided));
+            }
+            let key = run.key(|| atlas_key(&mesh, &densities, params));
+            let atlas = run.get_or_put(key, || Ok(unwrap(&mesh, Some(&densities), params, cancellation)))?;
+            run.validate(StageId::Unwrap, || atlas.validate(mesh.triangles.len()));
+            Ok(atlas)
+        })??;
+        let (solid, all) = (shape.mesh.triangles.len(), atlas.uvs.len());
+        Ok((atlas.part(0..solid), atlas.part(solid..all)))
     }
 
     fn skin(&self) -> Result<Vec<Influences>, Error> {
@@ -141,7 +112,7 @@ impl LevelMaker<'_> {
     /// outline in the texture.
     fn initial_texture(&self, atlas: &Atlas, influences: &[Influences]) -> Result<Option<Textured>, Error> {
         let Self { shape, run, .. } = self;
-        if shape.cards.is_some() || !self.params.refine.moves_vertices() {
+        if shape.cards.is_some() || shape.mesh.triangles.is_empty() || !self.params.refine.moves_vertices() {
             return Ok(None);
         }
         run.run(StageId::Texture, || {
@@ -162,7 +133,7 @@ impl LevelMaker<'_> {
     /// Moves the vertices by differentiable rendering, and the joint weights with them.
     fn refine(&self, textured: Textured, influences: Vec<Influences>) -> Result<Vertices, Error> {
         let Textured { mut low, fit } = textured;
-        let key = self.all.shapes.key.map(|shapes| vertices_key(&shapes, &self.params, self.budget));
+        let key = self.all.shapes.solid.key.map(|shapes| vertices_key(&shapes, &self.params, self.budget));
         let (positions, (influences, refined)) = self.run.stored(StageId::Refine, key, || {
             let moved = self.move_vertices(low.clone(), fit, influences);
             if let Some(key) = self.run.key(|| warm_start_key(&self.shape.mesh)) {
@@ -212,7 +183,7 @@ impl LevelMaker<'_> {
     fn split_at_joints(&self, vertices: Vertices, atlas: Atlas) -> (Vertices, Atlas) {
         let planes = &self.all.source.joint_planes;
         let is_last = self.all.params.joint_planes.when == JointSplitting::AfterRefine;
-        if !is_last || planes.is_empty() || self.shape.cards.is_some() {
+        if !is_last || planes.is_empty() || self.shape.cards.is_some() || self.shape.mesh.triangles.is_empty() {
             return (vertices, atlas);
         }
         let Vertices { low, mut influences, refined } = vertices;
@@ -232,14 +203,14 @@ impl LevelMaker<'_> {
     }
 
     /// The level and its report, once its vertices are final.
-    fn finish(&self, vertices: Vertices, atlas: &Atlas) -> Result<(Level, LevelReport), Error> {
+    fn finish(&self, vertices: Vertices, atlas: &Atlas, clear_atlas: &Atlas) -> Result<(Level, LevelReport), Error> {
         self.run.run(StageId::Maps, || {
             let texture = self.texture(atlas, self.params.unwrap.size as usize);
             let finished = self.final_texture(vertices, atlas, &texture)?;
-            let report = self.report(&finished, atlas);
+            let mut whole = WholeLevel::of_solid(self, finished, atlas, texture.texels);
+            whole.add_clear_layers(self, clear_atlas);
             self.run.check()?;
-            let level = self.level(finished, atlas, &texture, report.error);
-            Ok((level, report))
+            Ok(whole.finish(self))
         })?
     }
 
@@ -252,54 +223,11 @@ impl LevelMaker<'_> {
         let cut_out = refined.is_none() && is_cut_out(self.shape, &samples);
         low.double_sided |= cut_out;
         let mut low = low.retextured(atlas, texture.initial(&samples, cut_out));
-        // Pixels of a cut-out say little about its texture: they show the surface behind it, too.
-        let fit = (self.params.refine.enabled && !cut_out).then(|| texture.fit(&samples, Some(TRUST))).flatten();
+        let fit = self.params.refine.enabled.then(|| texture.fit(&samples, Some(TRUST))).flatten();
         let fitted = refine::fit_texture(&mut low, &self.all.views.full, fit.as_ref(), cancellation);
         self.run.check()?;
-        // The differentiable renderer does not see through a cut-out.
-        let refined = (!cut_out).then_some(Refined { psnr: fitted.psnr, ..refined.unwrap_or(fitted) });
+        let refined = Some(Refined { psnr: fitted.psnr, ..refined.unwrap_or(fitted) });
         Ok(Finished { low, influences, samples, cut_out, refined })
-    }
-
-    fn report(&self, finished: &Finished, atlas: &Atlas) -> LevelReport {
-        let mesh = finished.low.mesh();
-        let deviation = self.all.source.deviation_metric.measure(&mesh);
-        let faces = mesh.triangles.len() as u32;
-        LevelReport {
-            level: self.number as u32,
-            budget: self.budget,
-            faces,
-            stopped: (f64::from(faces) < FULL_BUDGET * f64::from(self.budget))
-                .then(|| self.shape.shortfall.to_string()),
-            candidate: self.shape.candidate.to_string(),
-            error: deviation.percentile_95,
-            deviation,
-            topology: LevelTopology::of(&mesh),
-            charts: atlas.charts as u32,
-            fill: atlas.fill,
-            stretch: atlas.stretch,
-            worst_stretch: atlas.worst_stretch,
-            refined: finished.refined,
-        }
-    }
-
-    /// The mesh with its morph targets, the texture set and the material.
-    fn level(&self, finished: Finished, atlas: &Atlas, texture: &LevelTexture<'_>, error: f32) -> Level {
-        let Finished { low, influences, samples, cut_out, .. } = finished;
-        let (source, params) = (self.all.source, self.all.params);
-        let unlit = source.index.model.materials.iter().all(|m| m.unlit);
-        let channels =
-            Channels { normal: params.maps.normal_map && !unlit, alpha: cut_out, format: params.maps.format };
-        let mesh = low.mesh();
-        let morphs = match params.maps.morphs {
-            true => skinning::transfer_morphs(&source.skin_source, &mesh),
-            false => Vec::new(),
-        };
-        let mesh = texture::level_mesh(&mesh, atlas, &influences, &morphs, channels.normal);
-        let (textures, statistics) = texture::pbr_maps(&mesh, &texture.texels, &samples, &low.texture.texels, channels);
-        let material = texture::level_material(&statistics, cut_out, low.double_sided, unlit);
-        let own_joints = self.params.skinning.bone_faces > 0.0;
-        Level { budget: self.budget, error, mesh, own_joints, material, textures }
     }
 }
 

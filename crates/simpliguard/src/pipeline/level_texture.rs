@@ -48,7 +48,7 @@ impl<'a> LevelTexture<'a> {
         let size = self.texels.size;
         let covered: Vec<bool> = samples.iter().map(Option::is_some).collect();
         if self.params.initial == InitialTexture::Grey && !alpha {
-            return TexelGrid { size, texels: vec![GREY; samples.len()], covered };
+            return TexelGrid { size, texels: vec![GREY; samples.len()], covered, opacity: Vec::new() };
         }
         let encoded = |s: &SurfaceSample| s.color.truncate().map(linear_to_srgb).extend(1.0);
         let mut texels: Vec<Vec4> =
@@ -56,7 +56,9 @@ impl<'a> LevelTexture<'a> {
         let known = |s: &Option<SurfaceSample>| s.as_ref().is_some_and(|s| !alpha || s.color.w >= 0.5);
         let known: Vec<bool> = samples.iter().map(known).collect();
         fill_unknown(&mut texels, &known, size);
-        TexelGrid { size, texels, covered }
+        let opacity = |s: &Option<SurfaceSample>| s.as_ref().map_or(0.0, |s| s.color.w);
+        let opacity = if alpha { samples.iter().map(opacity).collect() } else { Vec::new() };
+        TexelGrid { size, texels, covered, opacity }
     }
 
     /// How the texture is fitted. Not at all if the baked one has a single colour.

@@ -1,12 +1,16 @@
 //! The pipeline: all the way through, from a glTF file to the same file with levels of detail.
 
 mod baked;
+mod clear;
 mod clock;
 pub(crate) mod context;
 mod export;
 mod import;
+mod layers;
 mod level;
+mod level_task;
 mod level_texture;
+mod level_whole;
 mod meter;
 pub(crate) mod params;
 mod preview;
@@ -21,12 +25,15 @@ mod version;
 mod views;
 
 use crate::settings::BakeSettings;
-use crate::{Context, Error, Source};
+use crate::{Context, Error, Source, StageId};
+use clear::ClearLayers;
 use import::Imported;
-use level::Levels;
+use layers::SourceLayers;
+use level_task::{LayerShapes, Levels};
 use params::Params;
 use report::Report;
 use runner::Runner;
+use shapes::Shapes;
 use source::{PreparedSource, SourceIndex};
 use views::Views;
 
@@ -48,20 +55,26 @@ pub fn bake(source: &Source<'_>, settings: &BakeSettings, context: &Context<'_>)
         Imported::ForLevels(model, targets) => (model, targets),
         Imported::PassesThrough(baked) => return Ok(baked),
     };
-    let index = SourceIndex::new(source, &model, &params.views, &run)?;
+    let layers = run.time(StageId::Import, || SourceLayers::divide(&model));
+    let index = SourceIndex::new(source, (&model, &layers.solid), &params.views, &run)?;
     let prepared = PreparedSource::new(&index, &params, &run)?;
+    let clear_indices = clear::index_layers(source, (&model, &layers), &params, &run)?;
+    let clear = ClearLayers::find(&clear_indices, (&index, layers.has_solid), &params, &targets, &run)?;
     let mut views = Views::render(&index, &params, &run)?;
     let content = run.key(|| store::content_key(source, &model));
     // Reconstruct and simplify.
-    let shapes = shapes::find(&prepared, &mut views, &params, (&targets, content), &run)?;
-    preview::show(&prepared, &views, &params, &shapes, &run)?;
-    views.complete(shapes.need_half_resolution, &params, &run);
+    let shapes = match layers.has_solid {
+        true => shapes::find(&prepared, &mut views, &params, (&targets, clear.solid_budgets(), content), &run)?,
+        false => Shapes::empty(&prepared, &clear, &targets),
+    };
+    let shapes = LayerShapes { solid: &shapes, clear: &clear };
+    preview::show(&prepared, &views, &params, shapes, &run)?;
+    views.complete(shapes.solid.need_half_resolution, &params, &run);
     // Unwrap, skinning, texture, refine and maps.
-    let levels =
-        Levels { source: &prepared, views: &views, params: &params, shapes: &shapes, warm_start: false, run: &run };
+    let levels = Levels { source: &prepared, views: &views, params: &params, shapes, warm_start: false, run: &run };
     let (levels, reports) = levels.make()?;
     let glb = export::export(&model, &levels, &params, &run)?;
     run.finish();
-    let report = Report::baked(&model, reports, shapes.unmet, params.maps.morphs, run.seconds());
+    let report = Report::baked(&model, reports, shapes.notes(), params.maps.morphs, run.seconds());
     Ok(Baked { glb, levels, model: Some(model), report })
 }

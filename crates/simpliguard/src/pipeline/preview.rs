@@ -1,10 +1,10 @@
 //! Levels that are shown while better ones are made.
 
 use super::export;
-use super::level::Levels;
+use super::level_task::{LayerShapes, Levels};
 use super::params::Params;
 use super::runner::Runner;
-use super::shapes::{Shapes, is_refined};
+use super::shapes::is_refined;
 use super::source::PreparedSource;
 use super::views::Views;
 use crate::Error;
@@ -15,14 +15,15 @@ pub(super) fn show(
     source: &PreparedSource<'_>,
     views: &Views<'_>,
     params: &Params,
-    shapes: &Shapes,
+    shapes: LayerShapes<'_>,
     run: &Runner<'_>,
 ) -> Result<(), Error> {
-    let is_refined = |(budget, _): &(u32, _)| is_refined(shapes.key, params, *budget, run);
-    let is_wanted = shapes.are_early && params.refine.moves_vertices() && !shapes.levels.iter().all(is_refined);
+    let is_refined = |(budget, _): &(u32, _)| is_refined(shapes.solid.key, params, *budget, run);
+    let is_wanted =
+        shapes.solid.are_early && params.refine.moves_vertices() && !shapes.solid.levels.iter().all(is_refined);
     let Some(sink) = run.context().preview.filter(|_| is_wanted) else { return Ok(()) };
     let (quick, silent) = (params.unrefined(), run.silent());
     let (levels, _) = Levels { source, views, params: &quick, shapes, warm_start: true, run: &silent }.make()?;
-    sink.show(export::export(source.index.model, &levels, params, &silent)?);
+    sink.show(export::export(source.index.whole, &levels, params, &silent)?);
     Ok(())
 }

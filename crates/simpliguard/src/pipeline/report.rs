@@ -94,8 +94,22 @@ pub struct LevelReport {
     pub stretch: f32,
     /// L-infinity stretch: the largest length of a texel on the surface, relative to the mean density of its chart.
     pub worst_stretch: f32,
-    /// Gain of the refinement, in dB over held-out views; `None` for a cut-out, which is not refined.
+    /// Its clear layers, such as glass. Their faces are part of `faces`.
+    #[serde(default)]
+    pub clear: Vec<ClearReport>,
+    /// Gain of the refinement, in dB over held-out views.
     pub refined: Option<Refined>,
+}
+
+/// The report of a clear layer of a level.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ClearReport {
+    /// Number of faces.
+    pub faces: u32,
+    /// Mean alpha of its texels, 0 clear to 1.
+    pub alpha: f32,
+    /// Light passes through by `KHR_materials_transmission`.
+    pub transmits: bool,
 }
 
 /// Topology of a level's surface, before vertices are split along charts. All levels are manifolds.

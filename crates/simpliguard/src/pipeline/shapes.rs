@@ -1,21 +1,22 @@
 //! The shapes of the levels: reconstruct and simplify. The pipeline hands the other stages to `simplify`, and keeps the
 //! shapes of each candidate in the store.
 
+use super::clear::ClearLayers;
 use super::params::{LevelParams, Params};
 use super::runner::Runner;
 use super::source::{PreparedSource, StageTools};
 use super::store::{candidate_key, form_key, shapes_key, vertices_key};
 use super::targets::Targets;
 use super::views::Views;
-use crate::data::Candidate;
+use crate::data::{Candidate, Deviation};
 use crate::geometry::Topology;
 use crate::render::View;
 use crate::simplify::{self, Inputs, Shape, SimplifyParams};
 use crate::{Error, Key, StageId};
 
-/// The shapes of the levels.
+/// The shapes of the levels' solid layers.
 pub(super) struct Shapes {
-    /// Budget and shape of each level, budgets ascending.
+    /// Budget of each level, budgets ascending, and shape of its solid layer.
     pub(super) levels: Vec<(u32, Shape)>,
     /// Notes on targets that no shape meets.
     pub(super) unmet: Vec<String>,
@@ -27,23 +28,40 @@ pub(super) struct Shapes {
     pub(super) need_half_resolution: bool,
 }
 
-/// Finds a shape for each of the targets. `content` is the key of the source's files, if stages are stored. The views of
-/// half resolution are rendered beside, unless the shapes are early: a preview should not wait for them.
+impl Shapes {
+    /// The shapes of a source without a solid layer: nothing.
+    pub(super) fn empty(source: &PreparedSource<'_>, clear: &ClearLayers<'_>, targets: &Targets) -> Self {
+        let budgets = targets.budgets();
+        let deviation = |&budget: &u32| {
+            clear
+                .of(budget)
+                .next()
+                .map_or(Deviation::default(), |(_, shape)| source.deviation_metric.measure(&shape.mesh))
+        };
+        let (chosen, unmet) = targets.choose(&budgets, &budgets.iter().map(deviation).collect::<Vec<_>>());
+        let levels = chosen.iter().map(|&i| (budgets[i], Shape::empty())).collect();
+        Self { levels, unmet, key: None, are_early: false, need_half_resolution: false }
+    }
+}
+
+/// Finds a shape for each of the targets. `budgets` are those of the solid layer, one for each budget of the targets.
+/// `content` is the key of the source's files, if stages are stored. The views of half resolution are rendered beside,
+/// unless the shapes are early: a preview should not wait for them.
 pub(super) fn find(
     source: &PreparedSource<'_>,
     views: &mut Views<'_>,
     params: &Params,
-    (targets, content): (&Targets, Option<Key>),
+    (targets, budgets, content): (&Targets, Vec<u32>, Option<Key>),
     run: &Runner<'_>,
 ) -> Result<Shapes, Error> {
     let Params { candidates, collapse, .. } = *params;
-    let simplify = SimplifyParams { budgets: targets.budgets(), candidates, collapse };
+    let simplify = SimplifyParams { budgets, candidates, collapse };
     let key = content.map(|content| shapes_key(&content, &simplify, params));
     let form = run.key(|| form_key(source));
     let finder = ShapeFinder { source, views: &views.full, params: &simplify, run, form };
     let are_early = run.context().preview.is_some() && finder.knows_first();
     let need_half_resolution = params.refine.has_half_resolution_steps()
-        && simplify.budgets.iter().any(|&n| LevelParams::is_half_resolution(n) && !is_refined(key, params, n, run));
+        && targets.budgets().iter().any(|&n| LevelParams::is_half_resolution(n) && !is_refined(key, params, n, run));
     // The shapes leave threads idle.
     let (shapes, half_resolution) = rayon::join(
         || run.stored(StageId::Simplify, key, || finder.find()),
@@ -54,8 +72,9 @@ pub(super) fn find(
         run.validate(StageId::Simplify, || Topology::validate_manifold(&shape.mesh));
     }
     views.half_resolution = half_resolution;
-    let (chosen, unmet) = targets.choose(&simplify.budgets, &shapes.iter().map(|s| s.deviation).collect::<Vec<_>>());
-    let levels = chosen.iter().map(|&i| (simplify.budgets[i], shapes[i].clone())).collect();
+    let budgets = targets.budgets();
+    let (chosen, unmet) = targets.choose(&budgets, &shapes.iter().map(|s| s.deviation).collect::<Vec<_>>());
+    let levels = chosen.iter().map(|&i| (budgets[i], shapes[i].clone())).collect();
     Ok(Shapes { levels, unmet, key, are_early, need_half_resolution })
 }
 

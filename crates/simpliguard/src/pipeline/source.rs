@@ -14,7 +14,10 @@ use crate::{Cancellation, Error, Source, StageId, content_hash};
 
 /// Structures over a model that borrow nothing but the model.
 pub(crate) struct SourceIndex<'a> {
+    /// One layer of the source.
     pub(crate) model: &'a Model,
+    /// The whole source.
+    pub(crate) whole: &'a Model,
     pub(crate) sampler: SurfaceSampler<'a>,
     pub(crate) sphere: BoundingSphere,
     pub(crate) poses: Option<Poses<'a>>,
@@ -25,10 +28,10 @@ pub(crate) struct SourceIndex<'a> {
 }
 
 impl<'a> SourceIndex<'a> {
-    /// Builds the structures.
+    /// Builds the structures for one layer of the whole source.
     pub(crate) fn new(
         source: &Source<'_>,
-        model: &'a Model,
+        (whole, model): (&'a Model, &'a Model),
         params: &ViewParams,
         run: &Runner<'_>,
     ) -> Result<Self, Error> {
@@ -41,7 +44,7 @@ impl<'a> SourceIndex<'a> {
         });
         let hash = content_hash(source.bytes);
         let seed = hash.as_bytes()[..8].iter().fold(0u64, |seed, &byte| seed << 8 | u64::from(byte));
-        Ok(Self { model, sphere: BoundingSphere::around(&surface.positions), sampler, poses, bvh, opaque, seed })
+        Ok(Self { model, whole, sphere: BoundingSphere::around(&surface.positions), sampler, poses, bvh, opaque, seed })
     }
 
     /// Renders views of the source.

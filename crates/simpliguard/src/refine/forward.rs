@@ -11,7 +11,7 @@ use std::ops::Range;
 use glam::{Mat4, Vec2, Vec3, Vec4};
 
 use super::lookup::Lookup;
-use super::low_poly::{LowPoly, NO_NEIGHBOUR, TexelGrid};
+use super::low_poly::{CUTOFF, LowPoly, NO_NEIGHBOUR, TexelGrid};
 use crate::render::raster::{barycentric_at, barycentric_coefficients, pixel_to_ndc, to_pixels};
 use crate::render::{Camera, EMPTY_PIXEL, Raster, Rect};
 
@@ -88,10 +88,30 @@ impl FrameBuffers {
             y1: own.y1.max(source.y1),
         };
         self.raster.clear(self.rect);
-        self.raster.draw(&self.clip, &low.triangles, |_| low.double_sided);
         self.coefficients.clear();
         let clip = &self.clip;
         self.coefficients.extend(low.triangles.iter().map(|t| barycentric_coefficients(t.map(|v| clip[v as usize]))));
+        match low.texture.opacity.is_empty() {
+            true => self.raster.draw(&self.clip, &low.triangles, |_| low.double_sided),
+            false => self.draw_cut_out(low),
+        }
+    }
+
+    /// Draws the triangles where their texture is not clear.
+    fn draw_cut_out(&mut self, low: &LowPoly) {
+        let Self { size, raster, clip, coefficients, .. } = self;
+        let TexelGrid { size: side, opacity, .. } = &low.texture;
+        let pixels = raster.pixel_corners(clip);
+        for (t, triangle) in low.triangles.iter().enumerate() {
+            let corners = triangle.map(|v| pixels[v as usize]);
+            let [u, v, w] = low.uvs[t];
+            raster.draw_tested(t, corners, low.double_sided, |_, x, y| {
+                let (b, _) = barycentric_at(&coefficients[t], pixel_to_ndc(x, *size), pixel_to_ndc(y, *size));
+                let lookup = Lookup::new(u * b.x + v * b.y + w * b.z, *side);
+                let texels = lookup.texels(*side).into_iter().zip(lookup.weights());
+                texels.map(|(texel, weight)| opacity[texel] * weight).sum::<f32>() >= CUTOFF
+            });
+        }
     }
 
     /// Runs the whole forward pass.

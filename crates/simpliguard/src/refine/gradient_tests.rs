@@ -51,7 +51,12 @@ fn sphere(n: usize) -> LowPoly {
             Vec4::new(0.5 + 0.4 * (5.0 * x).sin(), 0.5 + 0.4 * (4.0 * y).cos(), 0.3 + 0.4 * x, 1.0)
         })
         .collect();
-    LowPoly::new(&mesh, &atlas, false, TexelGrid { size: TEXTURE, texels, covered: vec![true; TEXTURE * TEXTURE] })
+    LowPoly::new(
+        &mesh,
+        &atlas,
+        false,
+        TexelGrid { size: TEXTURE, texels, covered: vec![true; TEXTURE * TEXTURE], opacity: Vec::new() },
+    )
 }
 
 fn camera() -> Camera {

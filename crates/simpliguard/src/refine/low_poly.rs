@@ -6,6 +6,8 @@ use crate::animation::Motions;
 use crate::data::image::{halved, mean};
 use crate::data::{Atlas, TriMesh};
 
+/// Alpha at which a cut-out begins.
+pub(super) const CUTOFF: f32 = 0.5;
 /// Marks an edge that no other triangle shares.
 pub(super) const NO_NEIGHBOUR: u32 = u32::MAX;
 
@@ -18,19 +20,25 @@ pub struct TexelGrid {
     pub texels: Vec<Vec4>,
     /// Texels that some triangle covers.
     pub covered: Vec<bool>,
+    /// Alpha of each texel, 0 to 1; below [`CUTOFF`] nothing is drawn. Empty if everything is.
+    pub opacity: Vec<f32>,
 }
 
 impl TexelGrid {
     /// Stands for a texture that is not made yet. A mesh with it cannot be rendered.
     pub fn empty() -> Self {
-        Self { size: 1, texels: Vec::new(), covered: Vec::new() }
+        Self { size: 1, texels: Vec::new(), covered: Vec::new(), opacity: Vec::new() }
     }
 
     /// The same texture at half the size, each texel the mean of four.
     fn halved(&self) -> Self {
         let size = [self.size; 2];
         let covered = halved(&self.covered, size, |four| four.contains(&true));
-        Self { size: self.size / 2, texels: halved(&self.texels, size, mean), covered }
+        let opacity = match self.opacity.is_empty() {
+            true => Vec::new(),
+            false => halved(&self.opacity, size, |four| 0.25 * four.iter().sum::<f32>()),
+        };
+        Self { size: self.size / 2, texels: halved(&self.texels, size, mean), covered, opacity }
     }
 }
 

@@ -94,7 +94,7 @@ mod tests {
     fn smoothness_matches_central_differences_and_stays_on_covered_texels() {
         let texels: Vec<Vec4> = (0..9u8).map(|i| Vec4::new(f32::from(i * i) / 81.0, 0.3, 0.0, 1.0)).collect();
         let covered = vec![true, true, false, true, true, true, true, true, true];
-        let mut texture = TexelGrid { size: 3, texels, covered };
+        let mut texture = TexelGrid { size: 3, texels, covered, opacity: Vec::new() };
         let initial: Vec<Vec4> = (0..9u8).map(|i| Vec4::splat(f32::from(i % 4) / 8.0)).collect();
         let mut gradient = vec![Vec4::ZERO; 9];
         add_smoothness(&texture, &initial, 0.8, &mut gradient);

@@ -8,6 +8,7 @@
 mod camera;
 mod dilate;
 mod image;
+mod opacity;
 pub(crate) mod raster;
 mod renderer;
 mod shader;
@@ -18,6 +19,7 @@ mod view_renderer;
 pub use camera::{Camera, viewpoints};
 pub use dilate::{dilate, fill_unknown};
 pub use image::Image;
+pub use opacity::{Opacity, alpha_range};
 pub use raster::{EMPTY_PIXEL, Raster, Rect};
 pub use renderer::Renderer;
 pub use shader::Light;

@@ -62,7 +62,7 @@ fn prepare(inputs: &Inputs<'_>, params: &SimplifyParams, input: &SimplifyInput) 
     let mut simplifier = Simplifier::new(&unit, &weights, params.collapse.curvature);
     simplifier.stop_with(inputs.cancellation);
     let largest = params.budgets.last().copied().unwrap_or(0) as usize;
-    if params.collapse.remove_invisible {
+    if params.collapse.remove_invisible && !input.is_clear {
         simplifier.remove_negligible_components(largest, NEGLIGIBLE_FACES);
         simplifier.run(ENCLOSED_AT * largest);
         if is_cancelled() {

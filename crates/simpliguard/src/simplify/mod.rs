@@ -10,6 +10,7 @@
 
 mod budgets;
 mod candidates;
+mod clear;
 mod competition;
 mod deviation;
 mod face_weights;
@@ -37,6 +38,7 @@ use qem::Simplifier;
 use simplify_input::SimplifyInput;
 use unit_sphere::{from_unit_sphere, to_unit_sphere};
 
+pub use clear::{ClearPixels, ClearShape, simplify_clear};
 pub use competition::Generate;
 pub use deviation::DeviationMetric;
 pub use face_weights::texel_density;

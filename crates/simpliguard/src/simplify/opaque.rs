@@ -1,4 +1,4 @@
-//! The opaque surface of a source: its triangles without those that are nearly transparent.
+//! The solid surface of a source: its triangles without those that are cut out nearly everywhere.
 
 use glam::Vec3;
 use rayon::prelude::*;
@@ -7,7 +7,7 @@ use crate::data::{AlphaMode, TriMesh};
 use crate::geometry::Bvh;
 use crate::render::{Footprint, SurfaceSampler};
 
-/// Least mean opacity of a blended triangle, and least fraction of a masked triangle that is not cut out.
+/// Least fraction of a masked triangle that is not cut out.
 const OPACITY: f32 = 0.25;
 /// Barycentric coordinates of the points of a triangle at which its opacity is sampled.
 const POINTS: [[f32; 3]; 7] = [
@@ -20,8 +20,7 @@ const POINTS: [[f32; 3]; 7] = [
     [0.1, 0.45, 0.45],
 ];
 
-/// A source's triangles without those that are nearly transparent, such as the cornea of an eye. If all are nearly
-/// transparent, all are kept.
+/// A source's triangles without those that are cut out nearly everywhere. If all are, all are kept.
 pub struct OpaqueSurface {
     /// The triangles.
     pub mesh: TriMesh,
@@ -32,7 +31,7 @@ pub struct OpaqueSurface {
 }
 
 impl OpaqueSurface {
-    /// Sorts out the nearly transparent triangles of the sampled model.
+    /// Sorts out the triangles of the sampled model that are cut out.
     pub fn of(sampler: &SurfaceSampler<'_>) -> Self {
         let surface = &sampler.model().surface;
         let all: Vec<u32> = (0..surface.triangles.len() as u32).collect();
@@ -45,19 +44,10 @@ impl OpaqueSurface {
 }
 
 fn is_opaque(sampler: &SurfaceSampler<'_>, t: usize) -> bool {
-    let mode = sampler.material(t).alpha_mode;
-    if mode == AlphaMode::Opaque {
-        return true;
-    }
+    let AlphaMode::Mask { cutoff } = sampler.material(t).alpha_mode else { return true };
     let footprint = Footprint::new(0.1, 1.0);
-    let opacity = |b: &[f32; 3]| {
-        let alpha = sampler.color(t, Vec3::from(*b), footprint).w;
-        match mode {
-            AlphaMode::Mask { cutoff } => f32::from(u8::from(alpha >= cutoff)),
-            _ => alpha,
-        }
-    };
-    POINTS.iter().map(opacity).sum::<f32>() >= OPACITY * POINTS.len() as f32
+    let is_there = |b: &&[f32; 3]| sampler.color(t, Vec3::from(**b), footprint).w >= cutoff;
+    POINTS.iter().filter(is_there).count() as f32 >= OPACITY * POINTS.len() as f32
 }
 
 #[cfg(test)]
@@ -66,12 +56,9 @@ mod tests {
     use crate::data::{Material, Model, Surface};
     use glam::Vec4;
 
-    fn model(alphas: &[f32]) -> Model {
-        let material = |&a: &f32| Material {
-            base_color: Vec4::new(1.0, 1.0, 1.0, a),
-            alpha_mode: AlphaMode::Blend,
-            ..Material::default()
-        };
+    fn model(alphas: &[f32], alpha_mode: AlphaMode) -> Model {
+        let material =
+            |&a: &f32| Material { base_color: Vec4::new(1.0, 1.0, 1.0, a), alpha_mode, ..Material::default() };
         let surface = Surface {
             positions: vec![Vec3::ZERO, Vec3::X, Vec3::Y],
             normals: vec![Vec3::Z; 3],
@@ -79,18 +66,20 @@ mod tests {
             material: (0..alphas.len() as u32).collect(),
             ..Surface::default()
         };
-        Model { surface, materials: alphas.iter().map(material).collect(), ..Model::empty("glass") }
+        Model { surface, materials: alphas.iter().map(material).collect(), ..Model::empty("leaves") }
     }
 
     #[test]
-    fn clear_triangles_are_left_out() {
-        let model = model(&[0.1, 1.0, 0.6]);
+    fn triangles_that_are_cut_out_are_left_out() {
+        let model = model(&[0.1, 1.0, 0.6], AlphaMode::Mask { cutoff: 0.5 });
         assert_eq!(OpaqueSurface::of(&SurfaceSampler::new(&model)).source, [1, 2]);
     }
 
     #[test]
-    fn a_model_of_glass_alone_is_kept() {
-        let model = model(&[0.1, 0.05]);
-        assert_eq!(OpaqueSurface::of(&SurfaceSampler::new(&model)).source, [0, 1]);
+    fn clear_triangles_and_a_model_that_is_cut_out_as_a_whole_are_kept() {
+        for (alphas, alpha_mode) in [([0.1, 0.6], AlphaMode::Blend), ([0.1, 0.05], AlphaMode::Mask { cutoff: 0.5 })] {
+            let model = model(&alphas, alpha_mode);
+            assert_eq!(OpaqueSurface::of(&SurfaceSampler::new(&model)).source, [0, 1]);
+        }
     }
 }

@@ -26,6 +26,11 @@ pub struct Shape {
 }
 
 impl Shape {
+    /// A shape without faces.
+    pub fn empty() -> Self {
+        Self::unscored(TriMesh::default(), false, Candidate::Source, Shortfall::VisibleFaces)
+    }
+
     /// A shape before it is scored.
     pub(super) fn unscored(mesh: TriMesh, double_sided: bool, candidate: Candidate, shortfall: Shortfall) -> Self {
         let (render_error, deviation) = (f64::INFINITY, Deviation::default());

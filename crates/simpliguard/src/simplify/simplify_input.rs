@@ -18,6 +18,8 @@ pub(super) struct SimplifyInput {
     pub(super) pixels: Vec<u32>,
     /// True if double-sided faces cover more than half of the pixels.
     pub(super) double_sided: bool,
+    /// Faces hide nothing behind them.
+    pub(super) is_clear: bool,
 }
 
 impl SimplifyInput {
@@ -28,13 +30,13 @@ impl SimplifyInput {
         let double = pixels.iter().zip(&two_sided).filter(|(_, two)| **two).map(|(&n, _)| u64::from(n)).sum::<u64>();
         let double_sided = 2 * double > pixels.iter().map(|&n| u64::from(n)).sum::<u64>();
         if !remove_invisible || pixels.iter().all(|&n| n == 0) || inputs.cancellation.is_cancelled() {
-            return Self { mesh, pixels, double_sided };
+            return Self { mesh, pixels, double_sided, is_clear: false };
         }
         let mut kept: Vec<bool> = pixels.iter().map(|&n| n > 0).collect();
         visibility::grow(&mesh, &mut kept, KEPT_RINGS);
         let visible = weld::cut(&mesh.filtered(|t| kept[t]));
         let pixels = pixels.iter().zip(&kept).filter(|(_, kept)| **kept).map(|(&n, _)| n).collect();
-        Self { mesh: visible, pixels, double_sided }
+        Self { mesh: visible, pixels, double_sided, is_clear: false }
     }
 }
 

@@ -53,6 +53,43 @@ pub(super) fn visible_pixels(
     })
 }
 
+/// A mesh, and which of its faces are seen from behind.
+type Sided<'a> = (&'a TriMesh, &'a (dyn Fn(usize) -> bool + Sync));
+
+/// Number of pixels that each face of `clear` covers in front of `solid`, and number of pixels that `solid` covers, both
+/// summed over as many directions as given with the sphere. Faces of `clear` do not hide each other.
+pub(super) fn clear_pixels(
+    (clear, clear_double_sided): Sided<'_>,
+    (solid, solid_double_sided): Sided<'_>,
+    (sphere, directions): (&BoundingSphere, usize),
+    cancellation: &Cancellation,
+) -> (Vec<u32>, u64) {
+    let directions = fibonacci_directions(directions);
+    let count = |(mut raster, mut pixels, mut covered): (Raster, Vec<u32>, u64), direction: &Vec3| {
+        let camera = Camera::orbit(sphere, *direction, 0.6, 1.0);
+        let (clip, clear_clip) = (camera.project(&solid.positions), camera.project(&clear.positions));
+        raster.clear(Rect { x0: 0, y0: 0, x1: SIZE, y1: SIZE });
+        raster.draw(&clip, &solid.triangles, solid_double_sided);
+        covered += raster.ids.iter().filter(|&&id| id != EMPTY_PIXEL).count() as u64;
+        let corners = raster.pixel_corners(&clear_clip);
+        for (t, triangle) in clear.triangles.iter().enumerate() {
+            let triangle = triangle.map(|v| corners[v as usize]);
+            raster.draw_tested(t, triangle, clear_double_sided(t), |_, _, _| {
+                pixels[t] += 1;
+                false
+            });
+        }
+        (raster, pixels, covered)
+    };
+    let empty = || (vec![0u32; clear.triangles.len()], 0);
+    let wanted = directions.par_iter().take_any_while(|_| !cancellation.is_cancelled());
+    let start = || (Raster::new(SIZE), vec![0u32; clear.triangles.len()], 0);
+    wanted.fold(start, count).map(|(_, pixels, covered)| (pixels, covered)).reduce(empty, |mut a, b| {
+        a.0.iter_mut().zip(b.0).for_each(|(a, b)| *a += b);
+        (a.0, a.1 + b.1)
+    })
+}
+
 /// Adds the faces that share a vertex with a set of faces to the set, `rings` times.
 pub(super) fn grow(mesh: &TriMesh, faces: &mut [bool], rings: usize) {
     for _ in 0..rings {

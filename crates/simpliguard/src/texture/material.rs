@@ -52,14 +52,20 @@ impl MaterialStatistics {
     }
 }
 
-/// The factors of a level's material. With `alpha` it is cut out by the alpha of its base colour.
-pub fn level_material(statistics: &MaterialStatistics, alpha: bool, double_sided: bool, unlit: bool) -> LevelMaterial {
+/// The factors of a level's material.
+pub fn level_material(
+    statistics: &MaterialStatistics,
+    alpha_mode: AlphaMode,
+    double_sided: bool,
+    unlit: bool,
+) -> LevelMaterial {
     LevelMaterial {
-        alpha_mode: if alpha { AlphaMode::Mask { cutoff: 0.5 } } else { AlphaMode::Opaque },
+        alpha_mode,
         double_sided,
         unlit,
         metallic: statistics.metallic,
         roughness: statistics.roughness,
         emissive: statistics.emissive,
+        transmission: None,
     }
 }

@@ -6,16 +6,9 @@ use crate::data::{AlphaMode, Cards, NO_CARD, area_vector};
 use crate::geometry::{Bvh, Hit, barycentric};
 use crate::render::{Footprint, SurfaceSample, SurfaceSampler};
 
-/// Most blended surfaces seen through one texel.
-const LAYERS: usize = 4;
-/// Alpha above which a blended surface hides what lies behind it.
-const HIDING_ALPHA: f32 = 0.99;
 /// Distance within which the wood of foliage is looked for before the nearest point is taken, which may lie on a leaf. In
 /// ray distances.
 const WOOD_DISTANCE: f32 = 4.0;
-/// Distance behind a blended surface within which the next one may lie, in ray distances.
-const LAYER_DISTANCE: f32 = 8.0;
-
 /// The gap between the leaves of a card.
 const CLEAR: SurfaceSample = SurfaceSample {
     color: Vec4::ZERO,
@@ -40,25 +33,10 @@ pub(super) struct Probe<'a> {
 }
 
 impl Probe<'_> {
-    /// The source at a texel at `position`. Blended surfaces are mixed with what lies behind them.
+    /// The source at a texel at `position`.
     pub(super) fn sample_surface(&self, position: Vec3, normal: Vec3) -> Option<SurfaceSample> {
-        let Some(hit) = self.first_hit(position, normal) else {
-            return Some(self.sample(&self.bvh.closest(position, f32::INFINITY)?));
-        };
-        let mut seen = self.sample(&hit);
-        let mut last = hit;
-        for _ in 1..LAYERS {
-            let alpha = seen.color.w;
-            let blended = self.sampler.material(last.triangle as usize).alpha_mode == AlphaMode::Blend;
-            if !blended || alpha > HIDING_ALPHA {
-                break;
-            }
-            let start = last.point - normal * (1e-3 * self.ray_distance);
-            let Some(next) = self.cast(start, -normal, LAYER_DISTANCE * self.ray_distance) else { break };
-            seen = over(&seen, &self.sample(&next));
-            last = next;
-        }
-        Some(seen)
+        let hit = self.first_hit(position, normal).or_else(|| self.bvh.closest(position, f32::INFINITY))?;
+        Some(self.sample(&hit))
     }
 
     /// A card at `position`: the triangles of its own group from either side, clear between them.
@@ -112,22 +90,5 @@ impl Probe<'_> {
 
     fn footprint(&self, corners: [Vec3; 3]) -> Footprint {
         Footprint::new(self.area, 0.5 * area_vector(corners).length())
-    }
-}
-
-/// A blended surface over what lies behind it. The normal is that of the more opaque one, and so is whether it glows.
-fn over(front: &SurfaceSample, back: &SurfaceSample) -> SurfaceSample {
-    let alpha = front.color.w;
-    let opaque = if alpha > 0.5 { front } else { back };
-    let mix = |front: f32, back: f32| front * alpha + back * (1.0 - alpha);
-    let color = front.color.truncate() * alpha + back.color.truncate() * (1.0 - alpha);
-    SurfaceSample {
-        color: color.extend(alpha + back.color.w * (1.0 - alpha)),
-        glows: opaque.glows,
-        normal: opaque.normal,
-        occlusion: mix(front.occlusion, back.occlusion),
-        roughness: mix(front.roughness, back.roughness),
-        metallic: mix(front.metallic, back.metallic),
-        emissive: front.emissive * alpha + back.emissive * (1.0 - alpha),
     }
 }

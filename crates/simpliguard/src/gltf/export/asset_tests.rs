@@ -12,7 +12,7 @@ use image::{Rgba, RgbaImage};
 
 use super::tests::Read;
 use super::{ExportParams, export, export_level};
-use crate::data::{AlphaMode, Level, LevelMaterial, LevelMesh, LevelTextures, Model, TextureFormat};
+use crate::data::{AlphaMode, Level, LevelLayer, LevelMaterial, LevelMesh, LevelTextures, Model, TextureFormat};
 use crate::gltf::{ImportLimits, import};
 use crate::{Error, RelativeUri, Resources, Source};
 
@@ -75,14 +75,18 @@ fn sparse_level(model: &Model, step: usize) -> Level {
         error: 0.0,
         own_joints: false,
         mesh,
-        material: LevelMaterial {
-            alpha_mode: AlphaMode::Opaque,
-            double_sided: true,
-            unlit: false,
-            metallic: 0.0,
-            roughness: 1.0,
-            emissive: Vec3::ZERO,
-        },
+        layers: vec![LevelLayer {
+            triangles: surface.triangles.len().div_ceil(step),
+            material: LevelMaterial {
+                alpha_mode: AlphaMode::Opaque,
+                double_sided: true,
+                unlit: false,
+                metallic: 0.0,
+                roughness: 1.0,
+                emissive: Vec3::ZERO,
+                transmission: None,
+            },
+        }],
         textures: LevelTextures {
             base_color: RgbaImage::from_pixel(4, 4, Rgba([200, 150, 100, 255])),
             normal: None,

@@ -6,10 +6,10 @@ use super::builder::{BufferTarget, Builder, Component, Kind, number};
 use super::fault::fault;
 use super::material::push_material;
 use super::skin::{Binding, check_influences};
-use super::textures::EncodedTextures;
+use super::textures::{EncodedTextures, WrittenTextures};
 use super::vertex_order;
 use super::vertices::Vertices;
-use crate::data::{Level, LevelMaterial, Model};
+use crate::data::{AlphaMode, Level, LevelMaterial, Model};
 use crate::{Cancellation, Error};
 
 /// Largest number of vertices with 16-bit indices; the index 65,535 itself is a primitive restart.
@@ -17,12 +17,17 @@ const MAX_SHORT_INDEXED: usize = 65_535;
 
 /// A level ready to be appended to a document. Levels are prepared in parallel, and appended one after the other.
 pub(super) struct EncodedLevel {
-    vertices: Vertices,
+    layers: Vec<EncodedLayer>,
     /// Name and default weight of each morph target.
     targets: Vec<(String, f32)>,
+    textures: EncodedTextures,
+}
+
+/// A layer of a level: one primitive.
+struct EncodedLayer {
+    vertices: Vertices,
     triangles: Vec<[u32; 3]>,
     material: LevelMaterial,
-    textures: EncodedTextures,
 }
 
 impl EncodedLevel {
@@ -42,10 +47,19 @@ impl EncodedLevel {
         let targets: Vec<(String, f32)> = targets.map(|target| (target.name.clone(), target.weight)).collect();
         vertices.subtract_morphs(targets.iter().map(|(_, weight)| *weight));
         vertices.round_handedness();
-        let (triangles, order) = vertex_order::optimized(&mesh.triangles, mesh.positions.len());
-        let textures = EncodedTextures::new(&model.name, &level.textures, level.material.alpha_mode, cancellation)?;
-        let vertices = vertices.reordered(&order);
-        Ok(Self { vertices, targets, triangles, material: level.material.clone(), textures })
+        let layers = level.layer_ranges().map(|(range, material)| {
+            let (triangles, count) = (&mesh.triangles[range], mesh.positions.len());
+            // What lies behind is blended first: the order of clear triangles stays.
+            let (triangles, order) = match material.alpha_mode {
+                AlphaMode::Blend => vertex_order::by_first_use(triangles.to_vec(), count),
+                AlphaMode::Opaque | AlphaMode::Mask { .. } => vertex_order::optimized(triangles, count),
+            };
+            EncodedLayer { vertices: vertices.reordered(&order), triangles, material: material.clone() }
+        });
+        let layers = layers.collect();
+        let has_alpha = level.layers.iter().any(|layer| layer.material.alpha_mode != AlphaMode::Opaque);
+        let textures = EncodedTextures::new(&model.name, &level.textures, has_alpha, cancellation)?;
+        Ok(Self { layers, targets, textures })
     }
 
     /// True if it has morph targets.
@@ -55,24 +69,38 @@ impl EncodedLevel {
 
     /// True if joints move its vertices.
     pub(super) fn is_skinned(&self) -> bool {
-        !self.vertices.influences.is_empty()
+        self.layers.iter().any(|layer| !layer.vertices.influences.is_empty())
     }
 
-    /// Appends textures, material and mesh; returns the mesh.
+    /// Appends textures, materials and mesh; returns the mesh.
     pub(super) fn write(&self, out: &mut Builder, name: &str, sampler: usize) -> usize {
         let textures = self.textures.write(out, sampler);
-        let material = push_material(out, name, &self.material, &textures);
-        let attributes = self.vertices.write(out);
-        let indices = self.push_indices(out);
-        let mut primitive = json!({ "attributes": attributes, "indices": indices, "material": material });
+        let write = |(i, layer): (usize, &EncodedLayer)| {
+            let name = if i == 0 { name.to_owned() } else { format!("{name} clear") };
+            layer.write(out, &name, &textures, self.has_morphs())
+        };
+        let primitives: Vec<Value> = self.layers.iter().enumerate().map(write).collect();
         let mut mesh = json!({ "name": name });
         if self.has_morphs() {
-            primitive["targets"] = self.vertices.write_morphs(out);
             mesh["weights"] = self.targets.iter().map(|(_, weight)| number(*weight)).collect();
             mesh["extras"] = json!({ "targetNames": self.targets.iter().map(|(name, _)| name).collect::<Vec<_>>() });
         }
-        mesh["primitives"] = json!([primitive]);
+        mesh["primitives"] = json!(primitives);
         out.push(Kind::Mesh, mesh)
+    }
+}
+
+impl EncodedLayer {
+    /// Appends the material and the accessors; returns the primitive.
+    fn write(&self, out: &mut Builder, name: &str, textures: &WrittenTextures, morphs: bool) -> Value {
+        let material = push_material(out, name, &self.material, textures);
+        let attributes = self.vertices.write(out);
+        let indices = self.push_indices(out);
+        let mut primitive = json!({ "attributes": attributes, "indices": indices, "material": material });
+        if morphs {
+            primitive["targets"] = self.vertices.write_morphs(out);
+        }
+        primitive
     }
 
     fn push_indices(&self, out: &mut Builder) -> usize {

@@ -4,7 +4,7 @@ use serde_json::{Map, Value, json};
 
 use super::builder::{Builder, Kind, number};
 use super::textures::WrittenTextures;
-use crate::data::{AlphaMode, LevelMaterial};
+use crate::data::{AlphaMode, LevelMaterial, Transmission};
 
 /// Appends the material of a level; returns its index.
 pub(super) fn push_material(
@@ -31,6 +31,9 @@ pub(super) fn push_material(
     let mut extensions = Map::new();
     if source.unlit {
         extensions.insert("KHR_materials_unlit".into(), json!({}));
+    }
+    if let Some(transmission) = &source.transmission {
+        add_transmission(&mut extensions, transmission);
     }
     add_emission(&mut material, &mut extensions, source, textures.emissive);
     if !extensions.is_empty() {
@@ -78,5 +81,21 @@ fn add_emission(
     }
     if let Some(index) = texture {
         material["emissiveTexture"] = json!({ "index": index });
+    }
+}
+
+/// Adds the light that passes through a material.
+fn add_transmission(extensions: &mut Map<String, Value>, transmission: &Transmission) {
+    let Transmission { factor, ior, thickness, attenuation_distance, attenuation_color } = *transmission;
+    let mut add = |name: &str, value| extensions.insert(format!("KHR_materials_{name}"), value);
+    add("transmission", json!({ "transmissionFactor": number(factor) }));
+    add("ior", json!({ "ior": number(ior) }));
+    if thickness > 0.0 {
+        let mut volume = json!({ "thicknessFactor": number(thickness) });
+        if attenuation_distance.is_finite() {
+            volume["attenuationDistance"] = number(attenuation_distance);
+            volume["attenuationColor"] = attenuation_color.to_array().map(number).into_iter().collect();
+        }
+        add("volume", volume);
     }
 }

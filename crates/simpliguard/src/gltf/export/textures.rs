@@ -7,7 +7,7 @@ use serde_json::json;
 
 use super::builder::{BufferTarget, Builder, Kind};
 use super::fault::fault;
-use crate::data::{AlphaMode, LevelTextures, TextureFormat};
+use crate::data::{LevelTextures, TextureFormat};
 use crate::{Cancellation, Error};
 
 /// Deflate level of the PNGs: within 8 % of the size of level 6 in a fifth of its time.
@@ -36,11 +36,11 @@ pub(super) struct WrittenTextures {
 }
 
 impl EncodedTextures {
-    /// Encodes the textures in parallel.
+    /// Encodes the textures in parallel. The alpha of the base colour is left out unless some material shows it.
     pub(super) fn new(
         asset: &str,
         textures: &LevelTextures,
-        alpha_mode: AlphaMode,
+        has_alpha: bool,
         cancellation: &Cancellation,
     ) -> Result<Self, Error> {
         let encode = |image: &Option<RgbImage>, format| {
@@ -51,7 +51,7 @@ impl EncodedTextures {
         let data = |image| encode(image, TextureFormat::Png);
         let ((base_color, normal), (packed, emissive)) = rayon::join(
             || {
-                let base_color = || encode_base_color(asset, textures, alpha_mode);
+                let base_color = || encode_base_color(asset, textures, has_alpha);
                 rayon::join(base_color, || data(&textures.normal))
             },
             || {
@@ -89,9 +89,9 @@ pub(super) fn push_sampler(out: &mut Builder) -> usize {
 }
 
 /// The base colour, without the alpha channel if nothing shows it.
-fn encode_base_color(asset: &str, textures: &LevelTextures, alpha_mode: AlphaMode) -> Result<EncodedImage, Error> {
+fn encode_base_color(asset: &str, textures: &LevelTextures, has_alpha: bool) -> Result<EncodedImage, Error> {
     let image = &textures.base_color;
-    if alpha_mode == AlphaMode::Opaque || image.pixels().all(|p| p.0[3] == 255) {
+    if !has_alpha || image.pixels().all(|p| p.0[3] == 255) {
         let rgb: Vec<u8> = image.pixels().flat_map(|p| [p.0[0], p.0[1], p.0[2]]).collect();
         encode(asset, &rgb, image.dimensions(), textures.format)
     } else {

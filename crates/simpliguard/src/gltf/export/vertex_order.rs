@@ -10,9 +10,14 @@ const CACHE_SIZE: u32 = 16;
 /// Triangles reordered for the cache and renumbered by first use, and the old index of each new vertex. Vertices
 /// without a triangle are left out.
 pub(super) fn optimized(triangles: &[[u32; 3]], vertex_count: usize) -> (Vec<[u32; 3]>, Vec<u32>) {
+    by_first_use(tipsify(triangles, vertex_count), vertex_count)
+}
+
+/// Triangles in their order, renumbered by first use, and the old index of each new vertex.
+pub(super) fn by_first_use(triangles: Vec<[u32; 3]>, vertex_count: usize) -> (Vec<[u32; 3]>, Vec<u32>) {
     let mut new_index = vec![u32::MAX; vertex_count];
     let mut old_index = Vec::with_capacity(vertex_count);
-    let triangles = tipsify(triangles, vertex_count)
+    let triangles = triangles
         .into_iter()
         .map(|triangle| {
             triangle.map(|v| {

@@ -8,7 +8,7 @@ use super::asset::Asset;
 use super::extensions;
 use super::schema::{self, Root, TextureInfo};
 use crate::Error;
-use crate::data::{AlphaMode, Material, TextureRef, Wrap};
+use crate::data::{AlphaMode, Material, TextureRef, Transmission, Wrap};
 
 /// An image with a sampler and a colour space: one texture of the model.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -105,6 +105,7 @@ impl Collector<'_> {
             double_sided: source.double_sided,
             unlit: source.extensions.unlit.is_some(),
             emissive: emissive(source),
+            transmission: transmission(&source.extensions),
             ..Material::default()
         };
         let (mut base_color, mut metallic_roughness) = (&pbr.base_color_texture, &pbr.metallic_roughness_texture);
@@ -220,6 +221,22 @@ fn emissive(source: &schema::Material<'_>) -> Vec3 {
     let strength = source.extensions.emissive_strength.as_ref().and_then(|ext| ext.emissive_strength).unwrap_or(1.0);
     let emissive = Vec3::from(source.emissive_factor.unwrap_or_default()) * strength;
     if emissive.is_finite() { emissive.max(Vec3::ZERO) } else { Vec3::ZERO }
+}
+
+/// Light that passes through; `None` for a factor of zero.
+fn transmission(extensions: &schema::MaterialExtensions) -> Option<Transmission> {
+    let factor = extensions.transmission.as_ref()?.transmission_factor.unwrap_or(0.0).clamp(0.0, 1.0);
+    let volume = extensions.volume.as_ref();
+    let ior = extensions.ior.as_ref().and_then(|ext| ext.ior).filter(|ior| *ior >= 1.0);
+    let distance = volume.and_then(|volume| volume.attenuation_distance).filter(|distance| *distance > 0.0);
+    let color = Vec3::from(volume.and_then(|volume| volume.attenuation_color).unwrap_or([1.0; 3]));
+    (factor > 0.0).then(|| Transmission {
+        factor,
+        ior: ior.unwrap_or(1.5),
+        thickness: volume.and_then(|volume| volume.thickness_factor).filter(|t| t.is_finite()).unwrap_or(0.0).max(0.0),
+        attenuation_distance: distance.unwrap_or(f32::INFINITY),
+        attenuation_color: color.clamp(Vec3::ZERO, Vec3::ONE),
+    })
 }
 
 fn unit(factor: Option<f32>) -> f32 {

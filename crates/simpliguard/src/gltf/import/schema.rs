@@ -207,6 +207,32 @@ pub(super) struct MaterialExtensions {
     pub(super) emissive_strength: Option<EmissiveStrength>,
     #[serde(rename = "KHR_materials_unlit")]
     pub(super) unlit: Option<serde::de::IgnoredAny>,
+    #[serde(rename = "KHR_materials_transmission")]
+    pub(super) transmission: Option<Transmission>,
+    #[serde(rename = "KHR_materials_ior")]
+    pub(super) ior: Option<Ior>,
+    #[serde(rename = "KHR_materials_volume")]
+    pub(super) volume: Option<Volume>,
+}
+
+#[derive(Debug, Default, Deserialize)]
+#[serde(rename_all = "camelCase", default)]
+pub(super) struct Transmission {
+    pub(super) transmission_factor: Option<f32>,
+}
+
+#[derive(Debug, Default, Deserialize)]
+#[serde(default)]
+pub(super) struct Ior {
+    pub(super) ior: Option<f32>,
+}
+
+#[derive(Debug, Default, Deserialize)]
+#[serde(rename_all = "camelCase", default)]
+pub(super) struct Volume {
+    pub(super) thickness_factor: Option<f32>,
+    pub(super) attenuation_distance: Option<f32>,
+    pub(super) attenuation_color: Option<[f32; 3]>,
 }
 
 #[derive(Debug, Default, Deserialize)]

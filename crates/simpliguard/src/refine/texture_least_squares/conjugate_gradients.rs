@@ -91,7 +91,7 @@ mod tests {
     #[test]
     fn what_the_views_do_not_tell_apart_keeps_its_detail() {
         let texels: Vec<Vec4> = (0..64).map(|i| Vec4::splat((i % 3) as f32 * 0.2)).collect();
-        let texture = TexelGrid { size: 8, texels: texels.clone(), covered: vec![true; 64] };
+        let texture = TexelGrid { size: 8, texels: texels.clone(), covered: vec![true; 64], opacity: Vec::new() };
         // One sample in the middle is lighter by a tenth than the texture there.
         let mut equations = NormalEquations::new(8);
         let (lookup, here) = (Lookup::new(Vec2::splat(4.5), 8), texels[36]);

@@ -64,7 +64,7 @@ fn solve(
     let mut equations = assemble(low, views, coarse, cancellation);
     let seen: Vec<bool> = equations.rows.iter().map(|row| row.a[0] > 0.0).collect();
     equations.regularise(&low.texture, smoothness);
-    let TexelGrid { size, texels, covered } = &mut low.texture;
+    let TexelGrid { size, texels, covered, .. } = &mut low.texture;
     let iterations = coarse.map_or(ITERATIONS, |coarse| {
         coarse.add_change(texels, *size);
         NESTED_ITERATIONS

@@ -113,7 +113,7 @@ impl Foliage {
             self.pixels.iter().zip(&self.is_leaf).filter(|(_, leaf)| !**leaf).map(|(&n, _)| n).collect();
         let collapse = CollapseParams { remove_invisible: false, ..params.collapse };
         let params = SimplifyParams { budgets: vec![budget], collapse, ..params.clone() };
-        let input = SimplifyInput { mesh, pixels, double_sided: true };
+        let input = SimplifyInput { mesh, pixels, double_sided: true, is_clear: false };
         let shapes = simplify_to_budgets(inputs, &params, Candidate::Cards, &input);
         shapes.into_iter().map(|s| s.mesh).find(|m| m.triangles.len() <= budget as usize).unwrap_or_default()
     }

@@ -5,13 +5,14 @@ use super::*;
 #[test]
 fn materials_carry_every_mode() {
     let mut level = level(1000, false);
-    level.material = LevelMaterial {
+    level.layers[0].material = LevelMaterial {
         alpha_mode: AlphaMode::Mask { cutoff: 0.3 },
         double_sided: true,
         unlit: true,
         metallic: 0.0,
         roughness: 0.0,
         emissive: Vec3::new(4.0, 2.0, 0.0),
+        transmission: None,
     };
     level.mesh.tangents = vec![Vec3::X.extend(1.0); 3];
     level.textures = all_textures(TextureFormat::Png);
@@ -48,8 +49,8 @@ fn all_textures(format: TextureFormat) -> LevelTextures {
 fn colours_without_alpha_may_be_jpeg_and_nothing_else_is() {
     for (alpha_mode, expected) in [(AlphaMode::Opaque, "image/jpeg"), (AlphaMode::Blend, "image/png")] {
         let mut level = level(1000, false);
-        level.material.alpha_mode = alpha_mode;
-        level.material.emissive = Vec3::ONE;
+        level.layers[0].material.alpha_mode = alpha_mode;
+        level.layers[0].material.emissive = Vec3::ONE;
         level.mesh.tangents = vec![Vec3::X.extend(1.0); 3];
         level.textures = all_textures(TextureFormat::Jpeg(90));
         let read = Read::new("jpeg", &export_level(&triangle(), &level).expect("exports"));
@@ -63,4 +64,33 @@ fn colours_without_alpha_may_be_jpeg_and_nothing_else_is() {
             assert_eq!(image["mimeType"], format.to_mime_type());
         }
     }
+}
+
+#[test]
+fn a_clear_layer_is_a_primitive_of_its_own() {
+    let mut level = level(1000, false);
+    level.mesh.triangles.push([2, 1, 0]);
+    let mut material = level.layers[0].material.clone();
+    material.alpha_mode = AlphaMode::Blend;
+    material.transmission = Some(Transmission {
+        factor: 0.5,
+        ior: 1.25,
+        thickness: 2.0,
+        attenuation_distance: 4.0,
+        attenuation_color: Vec3::ONE,
+    });
+    level.layers.push(LevelLayer { triangles: 1, material });
+    level.textures.base_color = base_color(77);
+    let read = Read::new("clear", &export_level(&triangle(), &level).expect("exports"));
+    assert_eq!(read.json["meshes"][0]["primitives"].as_array().map(Vec::len), Some(2));
+    assert_eq!(
+        (&read.json["materials"][0]["alphaMode"], &read.json["materials"][0]["extensions"]),
+        (&Value::Null, &Value::Null)
+    );
+    let clear = &read.json["materials"][1];
+    assert_eq!((&clear["name"], &clear["alphaMode"]), (&json!("LOD clear"), &json!("BLEND")));
+    assert_eq!(clear["extensions"]["KHR_materials_transmission"]["transmissionFactor"], json!(0.5));
+    assert_eq!(clear["extensions"]["KHR_materials_ior"]["ior"], json!(1.25));
+    let volume = &clear["extensions"]["KHR_materials_volume"];
+    assert_eq!((&volume["thicknessFactor"], &volume["attenuationDistance"]), (&json!(2.0), &json!(4.0)));
 }

@@ -9,8 +9,8 @@ use serde_json::{Value, json};
 
 use super::{ExportParams, export, export_level};
 use crate::data::{
-    AlphaMode, Bone, Document, Influences, Level, LevelMaterial, LevelMesh, LevelMorph, LevelTextures, Model,
-    MorphTarget, Morphs, Rig, TextureFormat,
+    AlphaMode, Bone, Document, Influences, Level, LevelLayer, LevelMaterial, LevelMesh, LevelMorph, LevelTextures,
+    Model, MorphTarget, Morphs, Rig, TextureFormat, Transmission,
 };
 
 mod materials;
@@ -187,14 +187,18 @@ fn level(budget: u32, skinned: bool) -> Level {
             triangles: vec![[0, 1, 2]],
             morphs: Vec::new(),
         },
-        material: LevelMaterial {
-            alpha_mode: AlphaMode::Opaque,
-            double_sided: false,
-            unlit: false,
-            metallic: 0.25,
-            roughness: 0.75,
-            emissive: Vec3::ZERO,
-        },
+        layers: vec![LevelLayer {
+            triangles: 1,
+            material: LevelMaterial {
+                alpha_mode: AlphaMode::Opaque,
+                double_sided: false,
+                unlit: false,
+                metallic: 0.25,
+                roughness: 0.75,
+                emissive: Vec3::ZERO,
+                transmission: None,
+            },
+        }],
         textures: LevelTextures {
             base_color: base_color(255),
             normal: None,

@@ -1,0 +1,54 @@
+//! What a level is made of and from.
+
+use super::clear::{ClearLayer, ClearLayers};
+use super::params::{LevelParams, Params};
+use super::runner::Runner;
+use super::shapes::Shapes;
+use super::source::PreparedSource;
+use super::views::Views;
+use crate::simplify::{ClearShape, Shape};
+
+/// Everything that the levels of a bake share.
+#[derive(Clone, Copy)]
+pub(super) struct Levels<'a> {
+    pub(super) source: &'a PreparedSource<'a>,
+    pub(super) views: &'a Views<'a>,
+    pub(super) params: &'a Params,
+    pub(super) shapes: LayerShapes<'a>,
+    /// Vertices may lie where an earlier bake with other views has left them: for a preview.
+    pub(super) warm_start: bool,
+    pub(super) run: &'a Runner<'a>,
+}
+
+/// The shapes of all layers of the levels.
+#[derive(Clone, Copy)]
+pub(super) struct LayerShapes<'a> {
+    pub(super) solid: &'a Shapes,
+    pub(super) clear: &'a ClearLayers<'a>,
+}
+
+impl LayerShapes<'_> {
+    /// What the shapes do not meet or leave out, in words.
+    pub(super) fn notes(&self) -> Vec<String> {
+        self.solid.unmet.iter().cloned().chain(self.clear.notes()).collect()
+    }
+}
+
+/// One level to make.
+pub(super) struct LevelTask<'a> {
+    pub(super) all: Levels<'a>,
+    /// Counted from 1.
+    pub(super) number: usize,
+    pub(super) budget: u32,
+    /// Of the solid layer.
+    pub(super) shape: &'a Shape,
+    pub(super) params: LevelParams,
+    pub(super) run: Runner<'a>,
+}
+
+impl<'a> LevelTask<'a> {
+    /// The clear layers of the level.
+    pub(super) fn clear(&self) -> impl Iterator<Item = (&'a ClearLayer<'a>, &'a ClearShape)> {
+        self.all.shapes.clear.of(self.budget)
+    }
+}

@@ -1,0 +1,148 @@
+//! Clear surfaces: glass, water, shadows that are painted on a plane.
+//!
+//! Nothing hides behind them, and they hide nothing of each other. So they are collapsed on their own, with all their
+//! walls, and get a share of the budget by what they show in front of the solid surface.
+
+use glam::Vec3;
+
+use super::budgets::simplify_to_budgets;
+use super::inputs::Inputs;
+use super::opaque::OpaqueSurface;
+use super::params::SimplifyParams;
+use super::simplify_input::{DIRECTIONS, SimplifyInput};
+use super::{COINCIDENT_OFFSET, visibility, weld};
+use crate::Cancellation;
+use crate::data::{Candidate, Model, TriMesh};
+use crate::geometry::{BoundingSphere, face_components, group_by_component};
+
+/// Faces of a clear surface for one face of a solid one that shows as many pixels: less of its shape is seen.
+const WORTH: f64 = 0.5;
+/// Fewest faces of a clear surface.
+const FEWEST: u32 = 8;
+/// Largest fraction of a budget for all clear surfaces together, where there is a solid one.
+const MOST: f64 = 0.5;
+/// Rings of invisible faces that are kept around visible ones.
+const KEPT_RINGS: usize = 1;
+
+/// The number of pixels that clear and solid surfaces show, over all views.
+#[derive(Clone, Debug)]
+pub struct ClearPixels {
+    /// Of each triangle of a clear surface, in front of the solid one.
+    of_triangles: Vec<u32>,
+    /// Of the solid surface, as if nothing clear were before it.
+    solid: u64,
+}
+
+impl ClearPixels {
+    /// Counts the pixels of `clear`, a model of clear surfaces, in front of the surface `solid` of the model
+    /// `solid_model`.
+    pub fn count(
+        clear: &Model,
+        (solid_model, solid): (&Model, &OpaqueSurface),
+        sphere: &BoundingSphere,
+        cancellation: &Cancellation,
+    ) -> Self {
+        let clear_mesh =
+            TriMesh { positions: clear.surface.positions.clone(), triangles: clear.surface.triangles.clone() };
+        let is_double_sided = |t: usize| clear.material_of(t as u32).double_sided;
+        let is_solid_double_sided = |t: usize| solid_model.material_of(solid.source[t]).double_sided;
+        let (of_triangles, solid) = visibility::clear_pixels(
+            (&clear_mesh, &is_double_sided),
+            (&solid.mesh, &is_solid_double_sided),
+            (sphere, DIRECTIONS),
+            cancellation,
+        );
+        Self { of_triangles, solid }
+    }
+
+    /// The faces out of `budget` that the clear surface is worth.
+    pub fn share(&self, budget: u32) -> u32 {
+        let clear: f64 = self.of_triangles.iter().map(|&n| f64::from(n)).sum();
+        let worth = WORTH * clear / (clear + self.solid as f64).max(1.0);
+        let faces = (f64::from(budget) * worth.min(MOST)).round() as u32;
+        faces.max(FEWEST.min(budget / 2)).min(self.of_triangles.len() as u32)
+    }
+}
+
+/// Collapses a clear surface to each of the budgets, in their order. `None` where no collapse meets a budget, and if
+/// nothing of the surface is ever seen.
+///
+/// The triangles are ordered from the inside out: drawn one after the other, what lies behind is there first.
+pub fn simplify_clear(inputs: &Inputs<'_>, params: &SimplifyParams, pixels: &ClearPixels) -> Vec<Option<ClearShape>> {
+    let (mesh, welded_from) = weld::weld(&inputs.opaque.mesh.positions, &inputs.opaque.mesh.triangles);
+    let source: Vec<u32> = welded_from.iter().map(|&t| inputs.opaque.source[t as usize]).collect();
+    let pixels: Vec<u32> = source.iter().map(|&t| pixels.of_triangles[t as usize]).collect();
+    let double_sided = most_are_double_sided(inputs.model, &source, &pixels);
+    let mut kept: Vec<bool> = pixels.iter().map(|&n| n > 0).collect();
+    if !kept.contains(&true) {
+        return vec![None; params.budgets.len()];
+    }
+    visibility::grow(&mesh, &mut kept, KEPT_RINGS);
+    let pixels = pixels.iter().zip(&kept).filter(|(_, kept)| **kept).map(|(&n, _)| n).collect();
+    let input = SimplifyInput { mesh: weld::cut(&mesh.filtered(|t| kept[t])), pixels, double_sided, is_clear: true };
+    let shapes = simplify_to_budgets(inputs, params, Candidate::Source, &input);
+    let best = |(i, &budget): (usize, &u32)| {
+        let rounds = shapes.iter().skip(i).step_by(params.budgets.len());
+        let shape = rounds.into_iter().find(|s| (1..=budget as usize).contains(&s.mesh.triangles.len()))?;
+        let mut mesh = inside_out(&shape.mesh, inputs.sphere.centre);
+        weld::move_coincident_apart(&mut mesh, COINCIDENT_OFFSET * inputs.sphere.radius);
+        Some(ClearShape { mesh, double_sided })
+    };
+    params.budgets.iter().enumerate().map(best).collect()
+}
+
+/// The collapsed mesh of a clear surface.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ClearShape {
+    /// World space.
+    pub mesh: TriMesh,
+    /// Back faces are visible.
+    pub double_sided: bool,
+}
+
+/// Double-sided triangles show more pixels than others.
+fn most_are_double_sided(model: &Model, source: &[u32], pixels: &[u32]) -> bool {
+    let (mut double, mut all) = (0u64, 0u64);
+    for (&t, &n) in source.iter().zip(pixels) {
+        all += u64::from(n);
+        double += if model.material_of(t).double_sided { u64::from(n) } else { 0 };
+    }
+    2 * double > all
+}
+
+/// The mesh with its components by their mean distance from `centre`.
+fn inside_out(mesh: &TriMesh, centre: Vec3) -> TriMesh {
+    let distance = |component: &Vec<u32>| {
+        let corners = component.iter().flat_map(|&t| mesh.corners(t as usize));
+        corners.map(|p| p.distance(centre)).sum::<f32>() / component.len().max(1) as f32
+    };
+    let components = group_by_component(&face_components(mesh.positions.len(), &mesh.triangles));
+    let mut components: Vec<(f32, Vec<u32>)> = components.into_iter().map(|c| (distance(&c), c)).collect();
+    components.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let triangles = components.iter().flat_map(|(_, c)| c).map(|&t| mesh.triangles[t as usize]).collect();
+    TriMesh { positions: mesh.positions.clone(), triangles }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::simplify::visibility::tests::nested;
+
+    #[test]
+    fn inner_shells_come_first() {
+        let mut mesh = nested();
+        mesh.triangles.reverse();
+        let ordered = inside_out(&mesh, Vec3::ZERO);
+        assert!(ordered.triangles[..4].iter().flatten().all(|&v| v < 4), "{:?}", ordered.triangles);
+        assert_eq!(ordered.triangles.len(), 8);
+    }
+
+    #[test]
+    fn a_share_follows_the_pixels_within_its_bounds() {
+        let pixels = |clear: u32, solid| ClearPixels { of_triangles: vec![clear; 1000], solid };
+        assert_eq!(pixels(1, 3000).share(1000), 125);
+        assert_eq!(pixels(1, 1_000_000).share(1000), FEWEST);
+        assert_eq!(pixels(1, 0).share(4000), 1000);
+        assert_eq!(pixels(1, 1_000_000).share(10), 5);
+    }
+}
