@@ -5,8 +5,8 @@ use std::collections::BTreeSet;
 use bytes::Bytes;
 use serde_json::{Value, json};
 
+use super::decode::{Decoded, NAME, TRIANGLE_STRIP, TRIANGLES};
 use super::geometry::{Attribute, Geometry};
-use super::{Decoded, NAME, TRIANGLE_STRIP, TRIANGLES};
 use crate::gltf::import::extensions;
 use crate::gltf::import::rewrite::{Rewrite, ViewUse};
 
