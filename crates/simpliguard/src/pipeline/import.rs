@@ -55,11 +55,11 @@ fn is_binary(source: &Source<'_>) -> bool {
     source.bytes.starts_with(b"glTF")
 }
 
-/// The source as it is, or as one binary glTF if it is in pieces.
+/// The source as it is, or as one binary glTF if it is in pieces or compressed.
 fn pass_through(source: &Source<'_>, model: Option<Model>, status: Status, run: &Runner<'_>) -> Result<Baked, Error> {
     let in_pieces =
         || !is_binary(source) || gltf::external_uris(source.name, source.bytes).is_ok_and(|uris| !uris.is_empty());
-    let packed = model.as_ref().filter(|_| in_pieces()).map(super::export::pack);
+    let packed = model.as_ref().filter(|model| model.document.decoded || in_pieces()).map(super::export::pack);
     Ok(Baked {
         glb: packed.transpose()?.unwrap_or_else(|| source.bytes.to_vec()),
         levels: Vec::new(),
@@ -113,8 +113,16 @@ mod tests {
     }
 
     #[test]
-    fn a_disabled_file_need_not_be_readable() {
+    fn what_was_decoded_does_not_pass_through_as_it_is() {
         let bytes = as_glb(r#"{"asset": {"version": "2.0"}, "extensionsRequired": ["KHR_draco_mesh_compression"]}"#);
+        let source = Source { name: "test.glb", bytes: &bytes, resources: &Folder };
+        let glb = bake(&source, &BakeSettings::default(), &Context::default()).expect("passes").glb;
+        assert!(glb.starts_with(b"glTF") && !glb.windows(5).any(|bytes| bytes == b"draco"));
+    }
+
+    #[test]
+    fn a_disabled_file_need_not_be_readable() {
+        let bytes = as_glb(r#"{"asset": {"version": "2.0"}, "extensionsRequired": ["ACME_splines"]}"#);
         let source = Source { name: "test.glb", bytes: &bytes, resources: &Folder };
         let settings = BakeSettings { enabled: false, ..BakeSettings::default() };
         assert_eq!(bake(&source, &settings, &Context::default()).expect("passes").glb, bytes);

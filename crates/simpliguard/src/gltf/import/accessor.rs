@@ -17,8 +17,9 @@ pub(super) struct Reader<'a> {
     pub(super) buffers: &'a [Bytes],
 }
 
+/// The type of an accessor's numbers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Component {
+pub(super) enum Component {
     I8,
     U8,
     I16,
@@ -28,7 +29,7 @@ enum Component {
 }
 
 impl Component {
-    fn of(code: u32) -> Option<Self> {
+    pub(super) fn of(code: u32) -> Option<Self> {
         Some(match code {
             5120 => Self::I8,
             5121 => Self::U8,
@@ -40,7 +41,8 @@ impl Component {
         })
     }
 
-    fn size(self) -> usize {
+    /// Bytes of one number.
+    pub(super) fn size(self) -> usize {
         match self {
             Self::I8 | Self::U8 => 1,
             Self::I16 | Self::U16 => 2,

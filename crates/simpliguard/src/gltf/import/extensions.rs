@@ -10,6 +10,7 @@ const READ: &[&str] = &[
     "EXT_mesh_gpu_instancing",
     "EXT_meshopt_compression",
     "EXT_texture_webp",
+    "KHR_draco_mesh_compression",
     "KHR_materials_emissive_strength",
     "KHR_materials_ior",
     "KHR_materials_pbrSpecularGlossiness",
@@ -18,6 +19,7 @@ const READ: &[&str] = &[
     "KHR_materials_volume",
     "KHR_mesh_quantization",
     "KHR_meshopt_compression",
+    "KHR_texture_basisu",
     "KHR_texture_transform",
 ];
 
@@ -58,17 +60,33 @@ pub(super) fn check_required(asset: Asset<'_>, required: &[&str]) -> Result<(), 
 /// The error for an extension that cannot be decoded.
 pub(super) fn refuse(asset: Asset<'_>, name: &str) -> Error {
     let advice = match name {
-        "KHR_draco_mesh_compression" => "decode it with 'gltf-transform copy in.glb out.glb'".to_owned(),
-        "KHR_texture_basisu" => {
-            "decode its textures with 'gltf-transform ktxdecompress in.glb out.glb', or export with PNG or JPEG textures"
-                .to_owned()
-        }
         "MSFT_texture_dds" | "EXT_texture_avif" => {
             "convert its textures with 'gltf-transform png in.glb out.glb'".to_owned()
         }
         _ => "export it without that extension; 'gltf-transform inspect in.glb' shows what uses it".to_owned(),
     };
     Error::Extension { asset: asset.name.to_owned(), extension: name.to_owned(), advice }
+}
+
+/// Removes `names` from a list of declared extensions, and the list if it is empty then.
+pub(super) fn undeclare(json: &mut Value, list: &str, names: &[&str]) {
+    let Some(root) = json.as_object_mut() else { return };
+    let Some(declared) = root.get_mut(list).and_then(Value::as_array_mut) else { return };
+    declared.retain(|name| !name.as_str().is_some_and(|name| names.contains(&name)));
+    if declared.is_empty() {
+        root.remove(list);
+    }
+}
+
+/// Removes the extensions `names` from an object; returns the first that it had.
+pub(super) fn take(object: &mut Value, names: &[&str]) -> Option<Value> {
+    let object = object.as_object_mut()?;
+    let extensions = object.get_mut("extensions")?.as_object_mut()?;
+    let taken: Vec<Value> = names.iter().filter_map(|name| extensions.remove(*name)).collect();
+    if extensions.is_empty() {
+        object.remove("extensions");
+    }
+    taken.into_iter().next()
 }
 
 /// True if a glTF has its own levels of detail: `MSFT_lod`, or nodes named `.._LOD1` and up.

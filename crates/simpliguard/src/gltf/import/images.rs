@@ -10,11 +10,11 @@ use super::accessor::Reader;
 use super::extensions;
 use super::material::TextureUse;
 use super::resources::{SourceImage, mime_of, resource_error};
-use crate::Error;
 use crate::data::Texture;
+use crate::{Error, StageId};
 
 /// The largest side of an image in texels.
-const LONGEST_SIDE: u32 = 32_768;
+pub(super) const LONGEST_SIDE: u32 = 32_768;
 
 /// An encoded image whose header was read.
 struct Encoded {
@@ -58,6 +58,7 @@ pub(super) fn decode(reader: Reader<'_>, external: &[SourceImage], uses: &[Textu
 fn encoded(reader: Reader<'_>, external: &[SourceImage], image: usize) -> Result<Encoded, Error> {
     let (bytes, label, is_external) = match external.get(image) {
         Some(SourceImage::Failed { uri, reason }) => return Err(resource_error(reader.asset, uri, reason.clone())),
+        Some(SourceImage::Undecodable { reason }) => return Err(undecodable_ktx2(reader, image, reason)),
         Some(SourceImage::Read { uri, bytes, .. }) => (bytes.clone(), format!("'{uri}'"), true),
         _ => {
             let Some(view) = reader.root.images[image].buffer_view else {
@@ -70,11 +71,17 @@ fn encoded(reader: Reader<'_>, external: &[SourceImage], image: usize) -> Result
         Some("image/png") => ImageFormat::Png,
         Some("image/jpeg") => ImageFormat::Jpeg,
         Some("image/webp") => ImageFormat::WebP,
-        Some("image/ktx2") => return Err(extensions::refuse(reader.asset, "KHR_texture_basisu")),
         Some("image/vnd-ms.dds") => return Err(extensions::refuse(reader.asset, "MSFT_texture_dds")),
         _ => return Err(reader.asset.invalid(format!("{label} is no PNG, JPEG or WebP image"))),
     };
     Ok(Encoded { image, bytes, format, label, external: is_external })
+}
+
+fn undecodable_ktx2(reader: Reader<'_>, image: usize, reason: &str) -> Error {
+    let found = format!("image {image} cannot be decoded: {reason}");
+    let advice =
+        "decode its textures with 'gltf-transform ktxdecompress in.glb out.glb', or export it with PNG textures";
+    Error::invalid(reader.asset.name, StageId::Import, found, advice)
 }
 
 /// Width times height, from the image's header.

@@ -5,7 +5,6 @@ use std::collections::BTreeMap;
 use glam::{Affine2, Mat2, Vec2, Vec3, Vec4};
 
 use super::asset::Asset;
-use super::extensions;
 use super::schema::{self, Root, TextureInfo};
 use crate::Error;
 use crate::data::{AlphaMode, Material, TextureRef, Transmission, Wrap};
@@ -163,9 +162,6 @@ impl Collector<'_> {
         let Some(uv_set) = uv_sets.iter().position(|&set| set == uv_set(info)) else { return Ok(None) };
         let texture = self.asset.item(&self.root.textures, info.index, "texture")?;
         let Some(image) = texture.extensions.webp.as_ref().and_then(|webp| webp.source).or(texture.source) else {
-            if texture.extensions.basisu.is_some() {
-                return Err(extensions::refuse(self.asset, "KHR_texture_basisu"));
-            }
             self.note("a texture without an image is left out");
             return Ok(None);
         };

@@ -10,6 +10,7 @@ use bytes::Bytes;
 use serde_json::Value;
 
 use super::asset::Asset;
+use super::extensions;
 use super::schema::{MeshoptView, Root};
 use crate::Error;
 
@@ -57,21 +58,11 @@ pub(super) fn decode(asset: Asset<'_>, root: &Root<'_>, buffers: &mut [Bytes]) -
 pub(super) fn remove_extension(json: &mut Value) {
     for list in ["buffers", "bufferViews"] {
         for item in json.get_mut(list).and_then(Value::as_array_mut).into_iter().flatten() {
-            let Some(item) = item.as_object_mut() else { continue };
-            let Some(extensions) = item.get_mut("extensions").and_then(Value::as_object_mut) else { continue };
-            NAMES.iter().for_each(|name| drop(extensions.remove(*name)));
-            if extensions.is_empty() {
-                item.remove("extensions");
-            }
+            extensions::take(item, &NAMES);
         }
     }
-    let Some(root) = json.as_object_mut() else { return };
     for list in ["extensionsUsed", "extensionsRequired"] {
-        let Some(names) = root.get_mut(list).and_then(Value::as_array_mut) else { continue };
-        names.retain(|name| !name.as_str().is_some_and(|name| NAMES.contains(&name)));
-        if names.is_empty() {
-            root.remove(list);
-        }
+        extensions::undeclare(json, list, &NAMES);
     }
 }
 

@@ -6,19 +6,25 @@
 //! URIs stay inside the model's folder, and [`ImportLimits`] are checked before memory is allocated. A broken file
 //! gives an [`Error`], never a panic.
 //!
+//! Compressed data is decoded first, and the JSON edited to match. So the rest of the import, and the export, see an
+//! ordinary glTF that more loaders read.
+//!
 //! Limits: a material has two sets of texture coordinates and one set of vertex colours. Morph targets of the rest pose
 //! move positions, normals and tangents; those that a clip weights move positions alone. No morph target changes
 //! texture coordinates or colours.
 
 mod accessor;
 mod asset;
+mod basisu;
 mod clean;
 mod clips;
 mod container;
+mod draco;
 mod extensions;
 mod images;
 mod influences;
 mod instances;
+mod ktx2;
 mod limits;
 mod material;
 mod meshopt;
@@ -26,6 +32,7 @@ mod morphs;
 mod nodes;
 mod primitive;
 mod resources;
+mod rewrite;
 mod schema;
 mod skeleton;
 mod surface;
@@ -68,7 +75,7 @@ pub(crate) fn import_in(
     cancellation: &Cancellation,
 ) -> Result<Model, Error> {
     let asset = Asset { name: source.name, limits, cancellation };
-    let Loaded { json, buffers, images } = load(asset, source)?;
+    let Loaded { json, buffers, images, decoded } = load(asset, source)?;
     let root = asset.schema(&json)?;
     let reader = Reader { asset, root: &root, buffers: &buffers };
 
@@ -109,7 +116,7 @@ pub(crate) fn import_in(
         materials: materials.materials,
         textures,
         rig: skeleton.rig,
-        document: Document { images, json, buffers, mesh_nodes, node_world: tree.world },
+        document: Document { images, json, buffers, decoded, mesh_nodes, node_world: tree.world },
         notes: notes.concat(),
     })
 }
@@ -119,23 +126,42 @@ struct Loaded {
     json: Value,
     buffers: Vec<Bytes>,
     images: Vec<SourceImage>,
+    /// True if the file has data that was decoded.
+    decoded: bool,
 }
 
-/// Reads the JSON and the files it refers to. Compressed buffer views are decoded; the JSON then describes the decoded
-/// ones.
+/// Reads the JSON and the files it refers to. Compressed buffer views, geometry and KTX2 images are decoded; the JSON
+/// then describes the decoded ones.
 fn load(asset: Asset<'_>, source: &Source<'_>) -> Result<Loaded, Error> {
     let Container { mut json, bin } = container::parse(asset, source.bytes)?;
     let mut loader = Loader::new(asset, source);
     let root = asset.schema(&json)?;
     extensions::check_required(asset, &root.extensions_required)?;
     let mut buffers = loader.buffers(&root, bin)?;
-    let images = loader.images(&root)?;
-    if meshopt::is_used(&root) {
+    let mut images = loader.images(&root)?;
+    let has_meshopt = meshopt::is_used(&root);
+    if has_meshopt {
         meshopt::decode(asset, &root, &mut buffers)?;
-        drop(root);
+    }
+    let geometry = draco::decode(asset, &root, &buffers)?;
+    let ktx2 = basisu::decode(Reader { asset, root: &root, buffers: &buffers }, &images)?;
+    let has_draco = draco::is_required(&root) || !geometry.is_empty();
+    let has_basisu = basisu::is_used(&root) || !ktx2.is_empty();
+    drop(root);
+    if has_meshopt {
         meshopt::remove_extension(&mut json);
     }
-    Ok(Loaded { json, buffers, images })
+    if has_draco {
+        draco::replace(&mut json, &mut buffers, &geometry);
+    }
+    if has_basisu {
+        basisu::remove_extension(&mut json);
+        basisu::replace(&mut json, &mut buffers, &mut images, ktx2);
+    }
+    if has_draco || has_basisu {
+        basisu::add_webp_sources(&mut json);
+    }
+    Ok(Loaded { json, buffers, images, decoded: has_meshopt || has_draco || has_basisu })
 }
 
 /// Empties the second set of texture coordinates if no material uses it.

@@ -21,8 +21,19 @@ pub(super) struct Loader<'a> {
 #[derive(Debug)]
 pub(super) enum SourceImage {
     InBuffer,
-    Read { uri: String, bytes: Bytes, mime: &'static str },
-    Failed { uri: String, reason: String },
+    Read {
+        uri: String,
+        bytes: Bytes,
+        mime: &'static str,
+    },
+    Failed {
+        uri: String,
+        reason: String,
+    },
+    /// It was read, but is of a kind that should have been decoded by now.
+    Undecodable {
+        reason: String,
+    },
 }
 
 impl SourceImage {
@@ -30,7 +41,7 @@ impl SourceImage {
     pub(super) fn into_bytes(self) -> Option<(Bytes, &'static str)> {
         match self {
             Self::Read { bytes, mime, .. } => Some((bytes, mime)),
-            Self::InBuffer | Self::Failed { .. } => None,
+            Self::InBuffer | Self::Failed { .. } | Self::Undecodable { .. } => None,
         }
     }
 }
@@ -113,6 +124,7 @@ impl<'a> Loader<'a> {
 pub(super) fn unread_images(images: &[SourceImage]) -> Vec<String> {
     let note = |(image, external): (usize, &SourceImage)| match external {
         SourceImage::Failed { uri, reason } => Some(format!("unused image {image} '{uri}' is left out: {reason}")),
+        SourceImage::Undecodable { reason } => Some(format!("unused image {image} is left as it is: {reason}")),
         SourceImage::InBuffer | SourceImage::Read { .. } => None,
     };
     images.iter().enumerate().filter_map(note).collect()

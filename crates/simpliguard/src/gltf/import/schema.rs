@@ -296,6 +296,24 @@ pub(super) struct Primitive<'a> {
     pub(super) mode: Option<u32>,
     #[serde(borrow)]
     pub(super) targets: Vec<BTreeMap<&'a str, usize>>,
+    #[serde(borrow)]
+    pub(super) extensions: PrimitiveExtensions<'a>,
+}
+
+#[derive(Debug, Default, Deserialize)]
+#[serde(default)]
+pub(super) struct PrimitiveExtensions<'a> {
+    #[serde(rename = "KHR_draco_mesh_compression", borrow)]
+    pub(super) draco: Option<DracoPrimitive<'a>>,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(rename_all = "camelCase")]
+pub(super) struct DracoPrimitive<'a> {
+    pub(super) buffer_view: usize,
+    /// The unique id of each attribute in the compressed bytes.
+    #[serde(borrow)]
+    pub(super) attributes: BTreeMap<&'a str, u32>,
 }
 
 #[derive(Debug, Default, Deserialize)]
@@ -361,7 +379,7 @@ pub(super) struct TextureExtensions {
     #[serde(rename = "EXT_texture_webp")]
     pub(super) webp: Option<TextureSource>,
     #[serde(rename = "KHR_texture_basisu")]
-    pub(super) basisu: Option<serde::de::IgnoredAny>,
+    pub(super) basisu: Option<TextureSource>,
 }
 
 #[derive(Debug, Default, Deserialize)]

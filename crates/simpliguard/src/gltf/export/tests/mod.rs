@@ -93,6 +93,7 @@ fn triangle_document() -> Document {
         json,
         buffers: vec![Bytes::from_static(&[7, 8, 9, 0, 0]), Bytes::from(second)],
         images: vec![Some((Bytes::from(png.into_inner()), "image/png"))],
+        decoded: false,
         mesh_nodes: vec![0],
         node_world: vec![Mat4::IDENTITY; 2],
     }
@@ -161,6 +162,7 @@ fn two_bones(source_skin: Option<usize>) -> Model {
         json,
         buffers: vec![Bytes::from(bin)],
         images: Vec::new(),
+        decoded: false,
         mesh_nodes: vec![3],
         node_world: vec![Mat4::IDENTITY; 4],
     };

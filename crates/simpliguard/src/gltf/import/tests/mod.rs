@@ -1,10 +1,13 @@
 //! Tests of the whole import on hand-built files and on real ones.
 
+mod blobs;
 mod builder;
 mod compression;
 mod corpus;
+mod draco;
 mod geometry;
 mod hostile;
+mod ktx2;
 mod materials;
 mod skins;
 
