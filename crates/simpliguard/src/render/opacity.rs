@@ -65,11 +65,14 @@ impl Histogram {
         let area = |t: u32| 0.5 * f64::from(area_vector(corners(sampler, t)).length());
         let total: f64 = triangles.iter().map(|&t| area(t)).sum();
         let mut out = Self::default();
+        // One sequence over all triangles: each may have a single point, but not the same one.
+        let mut next = 0u32;
         for &t in triangles {
             let area = area(t);
             let points = (POINTS * area / total.max(f64::MIN_POSITIVE)).ceil().clamp(1.0, MOST_POINTS) as u32;
-            for i in 0..points {
-                let alpha = sampler.color(t as usize, low_discrepancy(i), Footprint::new(0.0, 1.0)).w;
+            for _ in 0..points {
+                next = next.wrapping_add(1);
+                let alpha = sampler.color(t as usize, low_discrepancy(next), Footprint::new(0.0, 1.0)).w;
                 let bin = ((alpha - CLEAR) / (OPAQUE - CLEAR) * BINS as f32) as usize;
                 *match alpha {
                     alpha if alpha < CLEAR => &mut out.clear,
@@ -118,7 +121,7 @@ mod tests {
     use crate::data::{AlphaMode, Material, Model, Surface, Texture, TextureRef, Wrap};
 
     /// A square with an image of 64 x 64 texels whose alpha is given by its column.
-    fn opacity(alpha: impl Fn(u32) -> u8) -> Opacity {
+    fn square(alpha: &dyn Fn(u32) -> u8) -> Model {
         let image = RgbaImage::from_fn(64, 64, |x, _| Rgba([255, 255, 255, alpha(x)]));
         let texture = TextureRef { texture: 0, uv_set: 0, transform: Affine2::IDENTITY };
         let corners = [Vec2::ZERO, Vec2::X, Vec2::ONE, Vec2::Y];
@@ -133,8 +136,11 @@ mod tests {
         let material =
             Material { base_color_texture: Some(texture), alpha_mode: AlphaMode::Blend, ..Material::default() };
         let textures = vec![Texture::new(&image, [Wrap::Clamp; 2], true)];
-        let model = Model { surface, materials: vec![material], textures, ..Model::empty("square") };
-        Opacity::of(&SurfaceSampler::new(&model), &[0, 1])
+        Model { surface, materials: vec![material], textures, ..Model::empty("square") }
+    }
+
+    fn opacity(alpha: impl Fn(u32) -> u8) -> Opacity {
+        Opacity::of(&SurfaceSampler::new(&square(&alpha)), &[0, 1])
     }
 
     #[test]
@@ -151,6 +157,18 @@ mod tests {
         // A shadow, which fades out.
         assert_eq!(opacity(|x| (x * 2) as u8), Opacity::Clear);
         assert_eq!(opacity(|_| 0), Opacity::Clear);
+    }
+
+    #[test]
+    fn many_small_triangles_are_sampled_everywhere() {
+        let mut model = square(&|x| if x % 32 < 20 { 0 } else { 255 });
+        let surface = &mut model.surface;
+        surface.positions = (0..100).flat_map(|_| surface.positions.clone()).collect();
+        surface.triangles = (0..30_000).map(|i| [4 * (i % 100), 4 * (i % 100) + 1, 4 * (i % 100) + 2]).collect();
+        surface.uvs[0] = (0..100).flat_map(|_| [Vec2::ZERO, Vec2::X, Vec2::ONE, Vec2::Y]).collect();
+        surface.material = vec![0; 30_000];
+        let all: Vec<u32> = (0..30_000).collect();
+        assert_eq!(Opacity::of(&SurfaceSampler::new(&model), &all), Opacity::CutOut);
     }
 
     #[test]
