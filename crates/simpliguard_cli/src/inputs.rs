@@ -153,7 +153,7 @@ mod tests {
         assert_eq!(below(&folder, "lods"), ["a", "b", "shared/s"]);
         fs::remove_file(dir.path().join("game/config/simpliguard.ron")).expect("removes");
         assert_eq!(below(&folder, "lods"), ["a", "b"]);
-        let wider = find(&[folder.clone()], Path::new("lods"), Some(dir.path())).expect("found");
+        let wider = find(std::slice::from_ref(&folder), Path::new("lods"), Some(dir.path())).expect("found");
         assert_eq!(wider.len(), 5);
     }
 

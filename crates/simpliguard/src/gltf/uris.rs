@@ -200,7 +200,7 @@ mod tests {
         let mut foreign_first = b"glTF\x02\0\0\0\x3b\0\0\0\x04\0\0\0ODD_abcd\x1b\0\0\0JSON".to_vec();
         foreign_first.extend(json);
         let trailing = [&glb(json)[..], b"more"].concat();
-        let binary = [&json[..], &bom, &padded, b" ", b"[]"].map(glb);
+        let binary = [json, &bom, &padded, b" ", b"[]"].map(glb);
         let files = binary.into_iter().chain([json.to_vec(), bom, padded, trailing, foreign_first]);
         for bytes in files {
             let source = Source { name: "a", bytes: &bytes, resources: &NoResources };
