@@ -45,12 +45,37 @@ impl fmt::Display for StageId {
     }
 }
 
+/// A text from a file or a name of a file, for a line of a message: characters that steer a terminal or hide what is
+/// written are shown by their numbers, such as `\u{1b}`.
+#[derive(Clone, Copy, Debug)]
+pub struct Printable<'a>(pub &'a str);
+
+impl Printable<'_> {
+    /// Tells whether a character is shown by its number: control characters but the tab, the ends of lines of Unicode, and
+    /// marks that turn the direction of writing.
+    pub fn is_escaped(c: char) -> bool {
+        let is_mark = matches!(c, '\u{200e}' | '\u{200f}' | '\u{2028}'..='\u{202e}' | '\u{2066}'..='\u{2069}');
+        is_mark || c.is_control() && c != '\t'
+    }
+}
+
+impl fmt::Display for Printable<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let mut rest = self.0;
+        while let Some((at, c)) = rest.char_indices().find(|(_, c)| Self::is_escaped(*c)) {
+            write!(f, "{}{}", &rest[..at], c.escape_unicode())?;
+            rest = &rest[at + c.len_utf8()..];
+        }
+        f.write_str(rest)
+    }
+}
+
 /// The reason why a bake stopped. A message names the asset and the stage, what was found, and what to do about it.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {
     /// The bytes are no glTF, or break its rules so badly that nothing can be read.
-    #[error("{asset}: {stage}: {found}; {advice}")]
+    #[error("{}: {stage}: {}; {advice}", Printable(asset), Printable(found))]
     Invalid {
         /// Name of the asset as given in [`crate::Source::name`].
         asset: String,
@@ -62,7 +87,12 @@ pub enum Error {
         advice: String,
     },
     /// A file that the glTF refers to could not be read.
-    #[error("{asset}: {stage}: cannot read '{uri}': {reason}; put the file beside the model or correct the URI")]
+    #[error(
+        "{}: {stage}: cannot read '{}': {}; put the file beside the model or correct the URI",
+        Printable(asset),
+        Printable(uri),
+        Printable(reason)
+    )]
     Resource {
         /// Name of the asset.
         asset: String,
@@ -74,7 +104,11 @@ pub enum Error {
         reason: String,
     },
     /// The file requires a glTF extension that cannot be decoded.
-    #[error("{asset}: import: requires the extension {extension}, which is not decoded; {advice}")]
+    #[error(
+        "{}: import: requires the extension {}, which is not decoded; {advice}",
+        Printable(asset),
+        Printable(extension)
+    )]
     Extension {
         /// Name of the asset.
         asset: String,
@@ -84,7 +118,10 @@ pub enum Error {
         advice: String,
     },
     /// The input exceeds one of the limits that protect the machine.
-    #[error("{asset}: {stage}: {what} is {found}, over the limit of {limit}; reduce it or raise the limit")]
+    #[error(
+        "{}: {stage}: {what} is {found}, over the limit of {limit}; reduce it or raise the limit",
+        Printable(asset)
+    )]
     Limit {
         /// Name of the asset.
         asset: String,
@@ -98,10 +135,10 @@ pub enum Error {
         limit: u64,
     },
     /// A setting is out of its range, or has an unknown name.
-    #[error("settings: {0}")]
+    #[error("settings: {}", Printable(.0))]
     Settings(String),
     /// The bake was cancelled through [`crate::Cancellation`].
-    #[error("{asset}: cancelled")]
+    #[error("{}: cancelled", Printable(asset))]
     Cancelled {
         /// Name of the asset.
         asset: String,
@@ -117,5 +154,23 @@ impl Error {
         advice: impl Into<String>,
     ) -> Self {
         Self::Invalid { asset: asset.into(), stage, found: found.into(), advice: advice.into() }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn texts_of_files_do_not_steer_a_terminal() {
+        let printable = |text: &str| Printable(text).to_string();
+        assert_eq!(printable("\x1b[2Jfox\r\n\u{7f}\u{9b}1m"), "\\u{1b}[2Jfox\\u{d}\\u{a}\\u{7f}\\u{9b}1m");
+        assert_eq!(printable("gpj.\u{202e}exe"), "gpj.\\u{202e}exe");
+        for plain in ["", "fox\t1.glb", "f\u{fc}chse \u{72d0}.glb"] {
+            assert_eq!(printable(plain), plain);
+        }
+        let error = Error::invalid("a\x1b.glb", StageId::Import, "found \x07", "do it");
+        assert_eq!(error.to_string(), "a\\u{1b}.glb: import: found \\u{7}; do it");
+        assert_eq!(Error::Settings("'\x1b'".into()).to_string(), "settings: '\\u{1b}'");
     }
 }

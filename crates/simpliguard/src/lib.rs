@@ -40,7 +40,7 @@ pub mod texture;
 pub mod unwrap;
 
 pub use cancellation::Cancellation;
-pub use error::{Error, StageId};
+pub use error::{Error, Printable, StageId};
 pub use pipeline::context::{Context, PreviewSink, Progress, ProgressSink, StageStore};
 pub use pipeline::params::Params;
 pub use pipeline::report::{LevelReport, LevelTopology, Report, StageSeconds, Status};

@@ -32,8 +32,8 @@ impl Resources for NoResources {
     }
 }
 
-/// A percent-decoded, relative path that stays inside the model's folder: no scheme, no root, no drive letter, no
-/// `..`, no backslash, no NUL. Made only by [`RelativeUri::parse`].
+/// A percent-decoded, relative path that stays inside the model's folder on every system: no scheme, no root, no drive
+/// letter, no `..`, no backslash, no colon, no NUL, no name of a device of Windows. Made only by [`RelativeUri::parse`].
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct RelativeUri(String);
 
@@ -56,18 +56,18 @@ impl RelativeUri {
         if decoded.starts_with('/') {
             return Err("it is an absolute path".into());
         }
-        if let Some(colon) = decoded.find(':')
-            && !decoded[..colon].contains('/')
-        {
-            return Err(format!("it has the scheme or drive '{}'", &decoded[..=colon]));
+        if let Some(colon) = decoded.find(':') {
+            // A drive, or a stream of a file of Windows, may also stand behind the first folder.
+            let (start, what) = match decoded[..colon].rfind('/') {
+                Some(slash) => (slash + 1, "a colon in"),
+                None => (0, "the scheme or drive"),
+            };
+            return Err(format!("it has {what} '{}'", &decoded[start..=colon]));
         }
         let mut parts = Vec::new();
-        for part in decoded.split('/') {
-            match part {
-                "" | "." => {}
-                ".." => return Err("it leaves the model's folder through '..'".into()),
-                part => parts.push(part),
-            }
+        for part in decoded.split('/').filter(|part| !matches!(*part, "" | ".")) {
+            check_part(part)?;
+            parts.push(part);
         }
         if parts.is_empty() {
             return Err("it names no file".into());
@@ -79,6 +79,30 @@ impl RelativeUri {
     pub fn as_str(&self) -> &str {
         &self.0
     }
+}
+
+/// Checks one name of a path by the rules of all systems.
+fn check_part(part: &str) -> Result<(), String> {
+    // Windows ignores dots and spaces at the end.
+    let trimmed = part.trim_end_matches(['.', ' ']);
+    if part == ".." || trimmed.is_empty() {
+        return Err(format!("it leaves the model's folder through '{part}'"));
+    }
+    let stem = trimmed.split('.').next().unwrap_or_default().trim_end_matches(' ');
+    if is_device(stem) { Err(format!("'{part}' is the name of a device on Windows")) } else { Ok(()) }
+}
+
+/// Tells whether Windows takes a name for that of a device, whatever its folder and its extension are.
+fn is_device(stem: &str) -> bool {
+    const NAMES: [&str; 6] = ["CON", "PRN", "AUX", "NUL", "CONIN$", "CONOUT$"];
+    let is_number =
+        |digit: &str| matches!(digit, "\u{b9}" | "\u{b2}" | "\u{b3}") || matches!(digit.as_bytes(), [b'0'..=b'9']);
+    let port = |kind: &str| {
+        let (start, digit) = stem.split_at_checked(kind.len())?;
+        Some(start.eq_ignore_ascii_case(kind) && is_number(digit))
+    };
+    NAMES.iter().any(|name| stem.eq_ignore_ascii_case(name))
+        || ["COM", "LPT"].iter().any(|kind| port(kind) == Some(true))
 }
 
 /// Replaces each `%xx` by its byte. `Err` names the position of a malformed escape.
@@ -109,14 +133,43 @@ mod tests {
             ("a.bin", "a.bin"),
             ("tex/a%20b.png", "tex/a b.png"),
             ("./a//b.png", "a/b.png"),
-            ("a:b/c:d.png".trim_start_matches("a:b/"), "c:d.png"),
+            ("console.png", "console.png"),
+            ("con_1/auxiliary.bin", "con_1/auxiliary.bin"),
+            ("COM.png", "COM.png"),
+            ("COM10.png", "COM10.png"),
+            ("...png", "...png"),
         ] {
-            if path == "c:d.png" {
-                assert!(RelativeUri::parse(uri).is_err(), "{uri}");
-            } else {
-                assert_eq!(RelativeUri::parse(uri).expect(uri).as_str(), path);
-            }
+            assert_eq!(RelativeUri::parse(uri).expect(uri).as_str(), path);
         }
+    }
+
+    #[test]
+    fn names_that_windows_reads_otherwise_are_refused() {
+        for uri in [
+            "./C:/Users/x",
+            ".%2fC%3a/..",
+            "a/C:/x",
+            "a/b:stream",
+            "a.png::$DATA",
+            "CON",
+            "nul.png",
+            "a/Aux.tar.gz",
+            "prn ",
+            "NUL .png",
+            "NUL.",
+            "com1",
+            "LPT9.bin",
+            "COM\u{b9}.bin",
+            "conin$",
+            ".. /x",
+            "a/.../x",
+            " ",
+            "./\\\\server/share",
+        ] {
+            assert!(RelativeUri::parse(uri).is_err(), "{uri} was accepted");
+        }
+        assert_eq!(RelativeUri::parse("a/Nul.png"), Err("'Nul.png' is the name of a device on Windows".into()));
+        assert_eq!(RelativeUri::parse("./C:/x"), Err("it has a colon in 'C:'".into()));
     }
 
     #[test]

@@ -61,10 +61,12 @@ impl<'a> CachedBake<'a> {
             key: &self.key,
             is_cancelled: &|| context.cancellation.is_cancelled(),
             notify: &|notice| host.notify(notice.into()),
+            check: &BakeResult::check,
         };
         let find = || look_up(cache, &self.key, self.parts, |notice| host.notify(notice));
+        let take = |entry| BakeResult::from_entry(entry).filter(|result| self.parts.are_in(result));
         let make = || self.bake(context, host).inspect(|result| self.store(cache, result, host));
-        match cache.single_flight(&flight, find, make)? {
+        match cache.single_flight(&flight, find, take, make)? {
             SingleFlight::Found(result) => Ok(Outcome { result, is_cached: true }),
             SingleFlight::Made(result) => Ok(Outcome { result, is_cached: false }),
             SingleFlight::Cancelled => Err(Error::Cancelled { asset: self.source.name.to_owned() }),
@@ -109,6 +111,7 @@ mod tests {
     use std::cell::{Cell, RefCell};
 
     use simpliguard::{Cancellation, NoResources, Status};
+    use simpliguard_cache::Entry;
 
     use super::*;
 
@@ -179,6 +182,38 @@ mod tests {
         );
         let host = Recorder::default();
         assert!(!bake(&settings, None).run(&Context::default(), &host).expect("bakes").is_cached);
+    }
+
+    #[test]
+    fn a_forged_result_of_a_shared_cache_is_baked_instead() {
+        let (dir, settings) = (tempfile::tempdir().expect("tempdir"), BakeSettings::default());
+        let server = Cache::new(dir.path().join("server"));
+        let key = bake(&settings, None).key();
+        let forged =
+            [("combined.glb".to_owned(), b"MZ\x90\0 a program".to_vec()), ("report.json".to_owned(), b"{}".to_vec())];
+        server.put(&key, &Entry { objects: forged.to_vec() }).expect("stores");
+        let cache = Cache::new(dir.path().join("cache")).with_shared_tier("server", dir.path(), false);
+        let host = Recorder::default();
+        let outcome = bake(&settings, Some(&cache)).run(&Context::default(), &host).expect("bakes");
+        assert!(!outcome.is_cached && outcome.result.combined.starts_with(b"glTF"));
+        let notices = host.notices.into_inner();
+        assert!(
+            notices.len() == 1 && notices[0].contains("is not the result of a bake: combined.glb: "),
+            "{notices:?}"
+        );
+    }
+
+    #[test]
+    fn a_shared_result_is_used_where_none_can_be_kept() {
+        let (dir, settings) = (tempfile::tempdir().expect("tempdir"), BakeSettings::default());
+        std::fs::create_dir(dir.path().join("server")).expect("makes");
+        std::fs::write(dir.path().join("file"), "").expect("writes");
+        let run = |folder: &str| {
+            let cache = Cache::new(dir.path().join(folder)).with_shared_tier("server", dir.path(), false);
+            let host = Recorder::default();
+            bake(&settings, Some(&cache)).run(&Context::default(), &host).expect("bakes").is_cached
+        };
+        assert_eq!(["first", "file", "second"].map(run), [false, true, true]);
     }
 
     #[test]

@@ -30,6 +30,7 @@ impl From<simpliguard_cache::Notice> for Notice {
         match notice {
             simpliguard_cache::Notice::Waits => Self::Waits,
             simpliguard_cache::Notice::Shared(error) => Self::Storage(error),
+            simpliguard_cache::Notice::NotKept(error) => Self::NotKept(error.into()),
         }
     }
 }

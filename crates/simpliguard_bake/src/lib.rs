@@ -1,7 +1,7 @@
 //! Cached bakes: one way from a model to its levels, shared by the command and the plugin.
 //!
 //! ```text
-//! key -> look-up (local cache) -> single flight -> look-up (local, shared) -> bake -> store
+//! key -> look-up (local cache, shared cache) -> single flight -> look-up (local cache) -> bake -> store
 //! ```
 //!
 //! [`CachedBake::run`] is this way. [`Host`] is the program around it: its threads, its messages and its shutdown.

@@ -4,6 +4,7 @@ use std::ffi::OsString;
 use std::fs;
 use std::path::{Component, Path, PathBuf, absolute};
 
+use simpliguard::Printable;
 use simpliguard::settings::{CacheSettings, ProjectFile};
 use simpliguard_cache::{Cache, DEFAULT_MAX_SIZE};
 
@@ -16,10 +17,11 @@ pub const SHARED_ENV_VAR: &str = "SIMPLIGUARD_SHARED_CACHE";
 /// decide where files are written outside of it.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error(
-    "{}: cache.dir: \"{dir}\" is not used: {} lies outside of the project's folder; results are kept in the user's cache \
+    "{}: cache.dir: \"{}\" is not used: {} lies outside of the project's folder; results are kept in the user's cache \
      folder: pass --cache-dir or set {ENV_VAR} to use that one",
     ProjectFile::PATH,
-    folder.display()
+    Printable(dir),
+    Printable(&folder.to_string_lossy())
 )]
 pub struct OutsideProject {
     /// The folder as the file spells it.
@@ -94,11 +96,20 @@ fn choose(
 /// The folder in the settings of the project in `base`, if it lies in `base`.
 fn configured(dir: &str, base: &Path) -> Result<PathBuf, OutsideProject> {
     let folder = base.join(dir);
+    if names_a_server(dir) {
+        return Err(OutsideProject { dir: dir.to_owned(), folder });
+    }
     let resolved = resolve(&folder);
     match (resolve(base), &resolved) {
         (Some(base), Some(resolved)) if resolved.starts_with(&base) => Ok(folder),
         _ => Err(OutsideProject { dir: dir.to_owned(), folder: resolved.unwrap_or(folder) }),
     }
+}
+
+/// Tells whether a path is that of a server or a device on Windows: `//server/share`, `\\?\C:`. Looking at such a path
+/// would already send the user's name and a hash of the password to the server, so it is told by its text, on every system.
+fn names_a_server(dir: &str) -> bool {
+    dir.starts_with(|c| "/\\".contains(c)) && dir[1..].starts_with(|c| "/\\".contains(c))
 }
 
 /// The absolute path without `..` and symbolic links. The last parts need not exist. `None` if a link leads nowhere.
@@ -164,6 +175,17 @@ mod tests {
             let error = configured(outside, &base).expect_err(outside);
             assert_eq!(error.dir, outside);
             assert!(!error.folder.starts_with(base.canonicalize().expect("exists")), "{error}");
+        }
+    }
+
+    #[test]
+    fn servers_are_no_folders_of_a_project() {
+        for server in ["//server/share", "\\\\server\\share", "\\/server/share", "//?/C:/x", "\\\\.\\pipe\\x", "//"] {
+            // The root of the file system would hold them all.
+            assert!(configured(server, Path::new("/")).is_err(), "{server}");
+        }
+        for folder in ["cache", "a//b", "a\\\\b"] {
+            assert!(!names_a_server(folder), "{folder}");
         }
     }
 

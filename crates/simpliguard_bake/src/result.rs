@@ -3,7 +3,7 @@
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
 use simpliguard::data::{Level, Model};
-use simpliguard::gltf::export_level;
+use simpliguard::gltf::{check_binary, export_level};
 use simpliguard::settings::BakeSettings;
 use simpliguard::{Context, Error, Report, Source, StageId};
 use simpliguard_cache::Entry;
@@ -13,6 +13,9 @@ const REPORT: &str = "report.json";
 const SHEET: &str = "sheet.png";
 const LEVEL_PREFIX: &str = "level_";
 const LEVEL_SUFFIX: &str = ".glb";
+
+/// The first bytes of every PNG.
+const PNG_SIGNATURE: &[u8] = b"\x89PNG\r\n\x1a\n";
 
 /// The result of a bake: all files that can be written without baking again.
 #[derive(Clone, Debug)]
@@ -98,6 +101,25 @@ impl BakeResult {
         Ok(Entry { objects })
     }
 
+    /// Checks that an entry which somebody else has stored is the result of a bake. Its hashes say only that it is whole.
+    ///
+    /// # Errors
+    /// A description of what the entry is instead.
+    pub fn check(entry: &Entry) -> Result<(), String> {
+        let failed = |name: &str, found: String| Err(format!("is not the result of a bake: {name}: {found}"));
+        for name in [COMBINED, REPORT] {
+            if entry.object(name).is_none() {
+                return failed(name, "it is missing".into());
+            }
+        }
+        for (name, bytes) in &entry.objects {
+            if let Err(found) = check_object(name, bytes) {
+                return failed(name, found);
+            }
+        }
+        Ok(())
+    }
+
     /// The result in an entry of the cache. `None` if the entry is not the result of a bake.
     pub fn from_entry(entry: Entry) -> Option<Self> {
         let (mut combined, mut report, mut sheet, mut levels) = (None, None, None, Vec::new());
@@ -106,13 +128,25 @@ impl BakeResult {
                 COMBINED => combined = Some(bytes),
                 REPORT => report = serde_json::from_slice(&bytes).ok(),
                 SHEET => sheet = Some(bytes),
-                name => {
-                    let budget = name.strip_prefix(LEVEL_PREFIX)?.strip_suffix(LEVEL_SUFFIX)?.parse().ok()?;
-                    levels.push((budget, bytes));
-                }
+                name => levels.push((budget_of(name)?, bytes)),
             }
         }
         Some(Self { combined: combined?, report: report?, levels, sheet })
+    }
+}
+
+/// The budget in the name of a level; `None` for any other name.
+fn budget_of(name: &str) -> Option<u32> {
+    name.strip_prefix(LEVEL_PREFIX)?.strip_suffix(LEVEL_SUFFIX)?.parse().ok()
+}
+
+fn check_object(name: &str, bytes: &[u8]) -> Result<(), String> {
+    match name {
+        REPORT => serde_json::from_slice(bytes).map(|_: Report| ()).map_err(|e| format!("it is no report: {e}")),
+        SHEET if bytes.starts_with(PNG_SIGNATURE) => Ok(()),
+        SHEET => Err("it is no PNG".into()),
+        name if name == COMBINED || budget_of(name).is_some() => check_binary(bytes),
+        _ => Err("no bake has an object of this name".into()),
     }
 }
 
@@ -164,6 +198,37 @@ mod tests {
         let mut partial = entry;
         partial.objects.retain(|(name, _)| name != REPORT);
         assert!(BakeResult::from_entry(partial).is_none());
+    }
+
+    #[test]
+    fn entries_that_are_no_result_are_told_from_results() {
+        let json = br#"{"asset":{"version":"2.0"}}"#;
+        let mut glb = b"glTF\x02\0\0\0\x2f\0\0\0\x1b\0\0\0JSON".to_vec();
+        glb.extend(json);
+        let sheet = Some([PNG_SIGNATURE, b"..."].concat());
+        let honest = BakeResult { combined: glb.clone(), levels: vec![(9, glb)], sheet, ..result() };
+        let honest = honest.to_entry().expect("serialises");
+        assert_eq!(BakeResult::check(&honest), Ok(()));
+        for name in [COMBINED, REPORT, SHEET, "level_9.glb"] {
+            let mut forged = honest.clone();
+            forged
+                .objects
+                .iter_mut()
+                .filter(|(object, _)| object == name)
+                .for_each(|(_, bytes)| *bytes = json.to_vec());
+            let found = BakeResult::check(&forged).expect_err(name);
+            assert!(found.contains(name), "{found}");
+        }
+        for name in [COMBINED, REPORT] {
+            let mut partial = honest.clone();
+            partial.objects.retain(|(object, _)| object != name);
+            assert!(BakeResult::check(&partial).expect_err(name).contains("it is missing"));
+        }
+        for name in ["level_9.exe", "level_x.glb", "run.sh"] {
+            let mut more = honest.clone();
+            more.objects.push((name.to_owned(), Vec::new()));
+            assert!(BakeResult::check(&more).expect_err(name).contains(name));
+        }
     }
 
     #[test]

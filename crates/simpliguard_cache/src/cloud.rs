@@ -3,15 +3,17 @@
 //! The layout is that of a cache's folder, but without a marker, because nothing is ever removed there. Credentials
 //! come from the same environment variables that each provider's own tools read.
 
+use std::ops::Range;
+
+use blake3::Hash;
 use object_store::path::Path;
 use object_store::{ObjectStore, ObjectStoreExt, PutMode, parse_url_opts};
-use simpliguard_key::{Key, content_hash};
+use simpliguard_key::Key;
 use tokio::runtime::{Builder, Runtime};
 use url::Url;
 
 use crate::folder::NAME;
-use crate::record::{Entry, ObjectRecord, Record};
-use crate::shared::Tier;
+use crate::tier::{Damaged, Tier};
 
 /// Object storage at an address.
 #[derive(Debug)]
@@ -36,85 +38,97 @@ impl Cloud {
         self.prefix.clone().join(folder).join(first).join(rest)
     }
 
-    async fn read(&self, folder: &str, hex: &str) -> Result<Option<Vec<u8>>, String> {
-        let found = match self.store.get(&self.path(folder, hex)).await {
-            Ok(found) => found,
-            Err(object_store::Error::NotFound { .. }) => return Ok(None),
-            Err(e) => return Err(e.to_string()),
-        };
-        found.bytes().await.map(|bytes| Some(bytes.into())).map_err(|e| e.to_string())
+    fn object_path(&self, object: &Hash) -> Path {
+        self.path("objects", &object.to_hex())
     }
 
-    async fn read_result(&self, key: &Key) -> Result<Option<Entry>, String> {
-        let Some(json) = self.read("results", &key.hex()).await? else { return Ok(None) };
-        let damaged = |what: &str, reason: String| format!("{what} {reason}; remove it there");
-        let record = Record::parse(&json, &key.hex()).map_err(|reason| damaged(&key.hex(), reason))?;
-        let Some(record) = record else { return Ok(None) };
-        let mut objects = Vec::with_capacity(record.objects.len());
-        for ObjectRecord { name, hash, size } in record.objects {
-            let hex = hash.to_hex();
-            let Some(bytes) = self.read("objects", &hex).await? else { return Ok(None) };
-            if bytes.len() as u64 != size || content_hash(&bytes) != hash {
-                return Err(damaged(&hex, "does not match its hash".into()));
-            }
-            objects.push((name, bytes));
+    async fn read_record(&self, key: &Key, most: u64) -> Result<Option<Vec<u8>>, object_store::Error> {
+        let Some(found) = if_there(self.store.get(&self.path("results", &key.hex())).await)? else { return Ok(None) };
+        if found.meta.size > most {
+            let source = format!("{} has {} bytes, over the limit of {most}", found.meta.location, found.meta.size);
+            return Err(object_store::Error::Generic { store: "shared cache", source: source.into() });
         }
-        Ok(Some(Entry { objects }))
+        found.bytes().await.map(|bytes| Some(bytes.into()))
     }
+}
 
-    async fn write_result(&self, key: &Key, entry: &Entry) -> Result<(), String> {
-        let mut objects = Vec::with_capacity(entry.objects.len());
-        for (name, bytes) in &entry.objects {
-            let hash = content_hash(bytes);
-            let path = self.path("objects", &hash.to_hex());
-            match self.store.put_opts(&path, bytes.clone().into(), PutMode::Create.into()).await {
-                Ok(_) | Err(object_store::Error::AlreadyExists { .. }) => {}
-                Err(e) => return Err(e.to_string()),
-            }
-            objects.push(ObjectRecord { name: name.clone(), hash, size: bytes.len() as u64 });
-        }
-        let json = Record::new(key, objects).to_json().map_err(|e| e.to_string())?;
-        let path = self.path("results", &key.hex());
-        self.store.put(&path, json.into()).await.map(drop).map_err(|e| e.to_string())
+/// `None` if there is no such object.
+fn if_there<T>(found: object_store::Result<T>) -> object_store::Result<Option<T>> {
+    match found {
+        Err(object_store::Error::NotFound { .. }) => Ok(None),
+        found => found.map(Some),
     }
 }
 
 impl Tier for Cloud {
-    fn get(&self, key: &Key) -> Result<Option<Entry>, String> {
-        self.runtime.block_on(self.read_result(key))
+    fn record(&self, key: &Key, most: u64) -> Result<Option<Vec<u8>>, String> {
+        self.runtime.block_on(self.read_record(key, most)).map_err(|e| e.to_string())
     }
 
-    fn put(&self, key: &Key, entry: &Entry) -> Result<(), String> {
-        self.runtime.block_on(self.write_result(key, entry))
+    fn part(&self, object: &Hash, bytes: Range<u64>) -> Result<Option<Vec<u8>>, String> {
+        let path = self.object_path(object);
+        let found = if_there(self.runtime.block_on(self.store.get_range(&path, bytes)));
+        found.map(|part| part.map(Into::into)).map_err(|e| e.to_string())
+    }
+
+    fn put_object(&self, object: &Hash, bytes: &[u8]) -> Result<(), String> {
+        let (path, bytes) = (self.object_path(object), bytes.to_vec());
+        match self.runtime.block_on(self.store.put_opts(&path, bytes.into(), PutMode::Create.into())) {
+            Ok(_) | Err(object_store::Error::AlreadyExists { .. }) => Ok(()),
+            Err(e) => Err(e.to_string()),
+        }
+    }
+
+    fn put_record(&self, key: &Key, json: &[u8]) -> Result<(), String> {
+        let (path, json) = (self.path("results", &key.hex()), json.to_vec());
+        self.runtime.block_on(self.store.put(&path, json.into())).map(drop).map_err(|e| e.to_string())
+    }
+
+    /// Nothing is moved in object storage: a reader may have no right to do so.
+    fn set_aside(&self, damaged: Damaged, reason: &str) -> String {
+        let path = match damaged {
+            Damaged::Record(key) => self.path("results", &key.hex()),
+            Damaged::Object(hash) => self.object_path(&hash),
+        };
+        format!("{path} {reason}; remove it there")
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use simpliguard_key::KeyBuilder;
+    use std::sync::Arc;
+
+    use simpliguard_key::{KeyBuilder, content_hash};
 
     use super::*;
+    use crate::record::Entry;
+    use crate::requests::{Failure, Patience, Requests};
 
     fn entry() -> Entry {
-        let objects = vec![("a".to_owned(), vec![7; 3000]), ("b".to_owned(), b"content".to_vec())];
-        Entry { objects }
+        Entry { objects: vec![("a".to_owned(), vec![7; 5 << 20]), ("b".to_owned(), b"content".to_vec())] }
     }
 
     #[test]
     fn what_was_stored_is_found_and_checked() {
-        let cloud = Cloud::open("memory:///levels").expect("opens");
+        let cloud = Arc::new(Cloud::open("memory:///levels").expect("opens"));
+        let tier: Arc<dyn Tier> = cloud.clone();
+        let requests = Requests { tier: &tier, patience: Patience::default(), is_cancelled: &|| false };
         let key = KeyBuilder::new("test").finish();
-        assert_eq!(cloud.get(&key), Ok(None));
+        assert_eq!(requests.get(&key), Ok(None));
         // The second finds its objects there.
         for _ in 0..2 {
-            cloud.put(&key, &entry()).expect("stores");
+            requests.put(&key, entry()).expect("stores");
         }
-        assert_eq!(cloud.get(&key), Ok(Some(entry())));
+        assert_eq!(requests.get(&key), Ok(Some(entry())));
         let object = cloud.path("objects", &content_hash(b"content").to_hex());
-        cloud.runtime.block_on(cloud.store.put(&object, b"rot".to_vec().into())).expect("stores");
-        assert!(cloud.get(&key).is_err_and(|reason| reason.contains("does not match its hash")));
+        for (damage, reason) in [(&b"rotten!"[..], "does not match its hash"), (b"rot", "has 3 bytes instead of 7")] {
+            cloud.runtime.block_on(cloud.store.put(&object, damage.to_vec().into())).expect("stores");
+            let found = requests.get(&key);
+            assert!(matches!(&found, Err(Failure::Broken(found)) if found.contains(reason)), "{found:?}");
+        }
         cloud.runtime.block_on(cloud.store.delete(&object)).expect("deletes");
-        assert_eq!(cloud.get(&key), Ok(None));
+        assert_eq!(requests.get(&key), Ok(None));
+        assert!(cloud.record(&key, 10).is_err_and(|reason| reason.contains("over the limit of 10")));
     }
 
     #[test]

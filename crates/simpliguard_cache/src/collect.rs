@@ -14,12 +14,15 @@ use crate::error::StorageError;
 use crate::file::Durability;
 use crate::folder::State;
 use crate::inventory::{Inventory, StoredFile, StoredResult};
+use crate::retry::Backoff;
 use crate::store::Cache;
 
 /// A file that is locked during a collection.
 const LOCK: &str = "collecting";
 /// A file with the approximate size of the cache, as JSON.
 const ESTIMATE: &str = "estimate.json";
+/// Largest size of this file in bytes.
+const MOST_ESTIMATE_BYTES: u64 = 4096;
 
 /// Files that a writer may be about to use are younger.
 const GRACE: Duration = Duration::from_secs(600);
@@ -88,7 +91,7 @@ impl Cache {
         let single = [LOCK, ESTIMATE].map(|name| self.folder().join(name)).into_iter();
         let single = single.filter(|path| self.own().has_file(path).unwrap_or(false));
         for path in inventory.into_paths().chain(single) {
-            match fs::remove_file(&path) {
+            match Backoff::for_replacing().retry(|| fs::remove_file(&path)) {
                 Err(source) if source.kind() != std::io::ErrorKind::NotFound => {
                     result = result.and(Err(StorageError::Io { action: "remove", path, source }));
                 }
@@ -113,7 +116,7 @@ impl Cache {
     }
 
     fn estimate(&self) -> Option<Estimate> {
-        let json = self.read_file(&self.folder().join(ESTIMATE)).ok()??;
+        let json = self.read_file(&self.folder().join(ESTIMATE), MOST_ESTIMATE_BYTES).ok()??;
         let estimate: Estimate = serde_json::from_slice(&json).ok()?;
         // An estimate from the future is wrong.
         let age = seconds_since_1970().checked_sub(estimate.counted)?;

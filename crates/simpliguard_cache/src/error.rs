@@ -2,6 +2,7 @@
 
 use std::io;
 use std::path::PathBuf;
+use std::time::Duration;
 
 /// An operation that the storage could not do. It is never a reason to stop a bake.
 #[derive(Debug, thiserror::Error)]
@@ -45,5 +46,17 @@ pub enum StorageError {
         address: String,
         /// The reason.
         reason: String,
+    },
+    /// The shared tier did not answer in time. It is left alone from then on.
+    #[error(
+        "shared cache: {address} has not answered for {} seconds and is not asked again in this run; results stay on this \
+         machine: check the connection",
+        time.as_secs_f32()
+    )]
+    Stalled {
+        /// The address of the tier.
+        address: String,
+        /// The time that was waited.
+        time: Duration,
     },
 }

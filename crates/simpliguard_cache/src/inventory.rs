@@ -11,7 +11,8 @@ use walkdir::{DirEntry, WalkDir};
 
 use crate::file::is_temporary;
 use crate::folder::{QUARANTINE, State, is_folder, is_hex};
-use crate::record::{ObjectRecord, Record};
+use crate::read::read_bounded;
+use crate::record::{MOST_RECORD_BYTES, ObjectRecord, Record};
 use crate::store::Cache;
 
 /// Largest difference between the clocks of machines that share a folder.
@@ -107,7 +108,9 @@ impl Inventory {
 }
 
 fn stored_result(file: StoredFile, objects: &BTreeMap<String, StoredFile>) -> StoredResult {
-    let record = fs::read(&file.path).ok().and_then(|json| Record::parse(&json, &file.hex).ok().flatten());
+    let record = read_bounded(&file.path, MOST_RECORD_BYTES)
+        .ok()
+        .and_then(|json| Record::parse(&json, &file.hex).ok().flatten());
     let is_there = |object: &ObjectRecord| {
         objects.get(object.hash.to_hex().as_str()).is_some_and(|there| there.size == object.size)
     };

@@ -31,7 +31,8 @@
 //! moved.
 //!
 //! Results, but no stage objects, are also exchanged with a shared tier: a folder on a file server or, with the feature
-//! `cloud`, object storage.
+//! `cloud`, object storage. What is fetched is checked by the caller, too. Every request to the tier has a time limit,
+//! and a tier that does not answer in time is not asked again.
 //!
 //! Limits: a cache may be over its limit for some minutes, because young objects are not removed.
 
@@ -40,22 +41,29 @@ mod cloud;
 mod collect;
 mod error;
 mod file;
+mod flight;
 mod folder;
 mod inventory;
+mod read;
 mod record;
+mod requests;
+mod retry;
 mod shared;
 mod single_flight;
 mod stage_objects;
 mod store;
+mod tier;
 mod tiers;
 mod verify;
 
 pub use collect::Collected;
 pub use error::StorageError;
-pub use file::{Durability, can_write_in, write_atomic, write_atomic_through};
+pub use file::{Durability, can_write_in, remove_stale_temporaries, write_atomic, write_atomic_through};
+pub use flight::{Flight, Notice};
 pub use inventory::{Amount, Usage};
+pub use read::read_bounded;
 pub use record::Entry;
 pub use simpliguard_key::{Key, KeyBuilder};
-pub use single_flight::{Flight, Notice, SingleFlight};
+pub use single_flight::SingleFlight;
 pub use store::{Cache, DEFAULT_MAX_SIZE, Lookup, Stats};
 pub use verify::Verified;

@@ -9,35 +9,12 @@ use std::path::PathBuf;
 use std::thread;
 use std::time::Duration;
 
-use simpliguard_key::Key;
-
-use crate::error::StorageError;
+use crate::flight::{Flight, Notice};
+use crate::record::Entry;
 use crate::store::Cache;
 
 /// Time between two tries to get a lock. It doubles from the first value to the second.
 const PAUSES: [Duration; 2] = [Duration::from_millis(10), Duration::from_millis(160)];
-
-/// An event on the way to a result, for a line of the log.
-#[derive(Debug, thiserror::Error)]
-pub enum Notice {
-    /// Another thread or process is making the result.
-    #[error("another program is making it; waiting")]
-    Waits,
-    /// The shared tier failed; the cache goes on without it.
-    #[error(transparent)]
-    Shared(#[from] StorageError),
-}
-
-/// A request for the result of a key.
-#[derive(Clone, Copy)]
-pub struct Flight<'a> {
-    /// The key.
-    pub key: &'a Key,
-    /// Asked while another one makes the result: `true` ends the wait.
-    pub is_cancelled: &'a dyn Fn() -> bool,
-    /// Receives the events on the way.
-    pub notify: &'a dyn Fn(Notice),
-}
 
 /// The outcome of [`Cache::single_flight`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -51,11 +28,11 @@ pub enum SingleFlight<T> {
 }
 
 impl Cache {
-    /// Gets the result of a key from `find`, or else from `make`, which also stores it.
+    /// Gets the result of a key from `find`, or else from the shared tier, or else from `make`, which also stores it.
     ///
-    /// While another thread or process makes the result, this waits, and then calls `find` again. If that maker has
-    /// died, `make` is called here. Before `make`, the result is looked up in the shared tier. After `make`, it is
-    /// stored there.
+    /// A result of the shared tier is stored in this cache and read by `take`. No lock is held meanwhile: a tier that hangs
+    /// keeps nobody else from making the result. While another thread or process makes it, this waits, and then calls
+    /// `find` again. If that maker has died, `make` is called here. After `make`, the result is stored in the shared tier.
     ///
     /// The wait blocks the thread. Never call this on a thread that `make` needs, such as one of its pool.
     ///
@@ -65,15 +42,16 @@ impl Cache {
         &self,
         flight: &Flight<'_>,
         find: impl Fn() -> Option<T>,
+        take: impl FnOnce(Entry) -> Option<T>,
         make: impl FnOnce() -> Result<T, E>,
     ) -> Result<SingleFlight<T>, E> {
-        if let Some(found) = find() {
+        if let Some(found) = find().or_else(|| take(self.fetch(flight)?)) {
             return Ok(SingleFlight::Found(found));
         }
         let Some(claim) = Claim::wait_for(self, flight) else {
             return Ok(SingleFlight::Cancelled);
         };
-        if let Some(found) = find().or_else(|| if self.fetch(flight) { find() } else { None }) {
+        if let Some(found) = find() {
             claim.settle(self);
             return Ok(SingleFlight::Found(found));
         }
@@ -83,19 +61,24 @@ impl Cache {
         Ok(SingleFlight::Made(made))
     }
 
-    /// Copies a result from the shared tier to this cache. Returns whether there was one.
-    fn fetch(&self, flight: &Flight<'_>) -> bool {
-        let Some(shared) = self.shared() else { return false };
-        let found = shared.get(flight.key);
-        let fetched = found.and_then(|found| found.map(|entry| self.put(flight.key, &entry)).transpose());
-        fetched.map_err(|error| (flight.notify)(error.into())).is_ok_and(|found| found.is_some())
+    /// The result in the shared tier. Stores it in this cache, too; it is used even if that fails.
+    fn fetch(&self, flight: &Flight<'_>) -> Option<Entry> {
+        let found = self.shared()?.get(flight);
+        let entry = found.unwrap_or_else(|error| {
+            (flight.notify)(error.into());
+            None
+        })?;
+        if let Err(error) = self.put(flight.key, &entry) {
+            (flight.notify)(Notice::NotKept(error));
+        }
+        Some(entry)
     }
 
     /// Copies a result from this cache to the shared tier.
     fn share(&self, flight: &Flight<'_>) {
         if let Some(shared) = self.shared()
             && let Ok(Some(entry)) = self.read(flight.key, |_| true)
-            && let Err(error) = shared.put(flight.key, &entry)
+            && let Err(error) = shared.put(flight, entry)
         {
             (flight.notify)(error.into());
         }
@@ -149,10 +132,9 @@ mod tests {
     use std::sync::atomic::{AtomicBool, AtomicU32, Ordering::SeqCst};
     use std::sync::mpsc;
 
-    use simpliguard_key::KeyBuilder;
+    use simpliguard_key::{Key, KeyBuilder};
 
     use super::*;
-    use crate::record::Entry;
     use crate::store::Lookup;
 
     fn key() -> Key {
@@ -169,7 +151,7 @@ mod tests {
 
     /// A request that is never cancelled.
     fn flight(key: &Key) -> Flight<'_> {
-        Flight { key, is_cancelled: &|| false, notify: &|_| {} }
+        Flight { key, is_cancelled: &|| false, notify: &|_| {}, check: &|_| Ok(()) }
     }
 
     #[test]
@@ -185,7 +167,7 @@ mod tests {
                         thread::sleep(Duration::from_millis(50));
                         cache.put(&key(), &entry()).map(|()| entry())
                     };
-                    let outcome = cache.single_flight(&flight(&key()), || found(&cache), make).expect("makes");
+                    let outcome = cache.single_flight(&flight(&key()), || found(&cache), Some, make).expect("makes");
                     assert!(matches!(outcome, SingleFlight::Found(e) | SingleFlight::Made(e) if e == entry()));
                 });
             }
@@ -201,7 +183,7 @@ mod tests {
         let dir = tempfile::tempdir().expect("tempdir");
         let (cache, key) = (Cache::new(dir.path()), key());
         let flight = Flight { notify: &|notice| panic!("{notice}"), ..flight(&key) };
-        let make = |make: fn() -> Result<u8, &'static str>| cache.single_flight(&flight, || None, make);
+        let make = |make: fn() -> Result<u8, &'static str>| cache.single_flight(&flight, || None, |_| None, make);
         assert_eq!(make(|| Err("no")), Err("no"));
         assert_eq!(make(|| Ok(1)), Ok(SingleFlight::Made(1)));
     }
@@ -219,15 +201,16 @@ mod tests {
                     started.send(()).expect("listens");
                     ended.recv().map_err(|_| ())
                 };
-                assert_eq!(cache.single_flight(&flight(&key()), || None, make), Ok(SingleFlight::Made(())));
+                assert_eq!(cache.single_flight(&flight(&key()), || None, |_| None, make), Ok(SingleFlight::Made(())));
             });
             start.recv().expect("it makes");
             let flight = Flight {
                 key: &key(),
                 is_cancelled: &|| cancelled.load(SeqCst),
                 notify: &|_| cancelled.store(true, SeqCst),
+                check: &|_| Ok(()),
             };
-            let outcome = cache.single_flight(&flight, || None::<()>, || Err("made twice"));
+            let outcome = cache.single_flight(&flight, || None::<()>, |_| None, || Err("made twice"));
             assert_eq!(outcome, Ok(SingleFlight::Cancelled));
             end.send(()).expect("waits");
         });
@@ -239,7 +222,7 @@ mod tests {
         let root = dir.path().join("file");
         fs::write(&root, b"").expect("writes");
         let cache = Cache::new(&root);
-        let outcome = cache.single_flight(&flight(&key()), || None, || Ok::<_, ()>(1));
+        let outcome = cache.single_flight(&flight(&key()), || None, |_| None, || Ok::<_, ()>(1));
         assert_eq!(outcome, Ok(SingleFlight::Made(1)));
     }
 }

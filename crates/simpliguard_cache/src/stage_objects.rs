@@ -4,6 +4,7 @@ use bytes::Bytes;
 use simpliguard_key::{Key, content_hash};
 
 use crate::file::Durability;
+use crate::record::MOST_RESULT_BYTES;
 use crate::store::{Cache, USE_NOTED_AFTER};
 
 /// Length in bytes of the hash that stands before the content of a stage object.
@@ -13,7 +14,7 @@ impl Cache {
     /// The stage object of a key, checked against its hash. `None` if there is none, or if it cannot be read.
     pub fn get_stage_object(&self, key: &Key) -> Option<Bytes> {
         let path = self.path("stages", key.as_bytes());
-        let file = Bytes::from(self.read_file(&path).ok()??);
+        let file = Bytes::from(self.read_file(&path, MOST_RESULT_BYTES).ok()??);
         if !is_whole(&file) {
             self.quarantine(path, "does not match its hash");
             return None;

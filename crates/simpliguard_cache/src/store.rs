@@ -11,7 +11,9 @@ use simpliguard_key::{Key, content_hash};
 use crate::error::StorageError;
 use crate::file::{Durability, folder_of, replace};
 use crate::folder::{OwnFolder, QUARANTINE};
-use crate::record::{Entry, ObjectRecord, Record};
+use crate::read::read_bounded;
+use crate::record::{Entry, MOST_RECORD_BYTES, ObjectRecord, Record};
+use crate::retry::Backoff;
 use crate::shared::Shared;
 
 /// The size limit of a cache by default, in bytes.
@@ -81,6 +83,11 @@ impl Cache {
     #[must_use]
     pub fn with_max_size(self, max_size: u64) -> Self {
         Self { max_size, ..self }
+    }
+
+    /// Tells whether the files of the cache stay as they are.
+    pub(crate) fn is_read_only(&self) -> bool {
+        self.read_only
     }
 
     pub(crate) fn with_shared(self, shared: Shared) -> Self {
@@ -156,12 +163,7 @@ impl Cache {
         let mut grown = 0;
         for (name, bytes) in &entry.objects {
             let hash = content_hash(bytes);
-            let path = self.path("objects", hash.as_bytes());
-            if self.read_file(&path).is_ok_and(|there| there.as_ref() == Some(bytes)) {
-                // A collection that runs at the same time keeps objects that were just used.
-                self.note_use(&path, Duration::ZERO);
-            } else {
-                self.write(&path, bytes, Durability::PowerLoss)?;
+            if self.write_object(&hash, bytes)? {
                 grown += bytes.len() as u64;
             }
             objects.push(ObjectRecord { name: name.clone(), hash, size: bytes.len() as u64 });
@@ -174,9 +176,23 @@ impl Cache {
         Ok(())
     }
 
+    /// Stores an object, unless it is there. Returns whether it was written.
+    pub(crate) fn write_object(&self, hash: &blake3::Hash, bytes: &[u8]) -> Result<bool, StorageError> {
+        let path = self.path("objects", hash.as_bytes());
+        let there = self.read_file(&path, bytes.len() as u64);
+        let is_there = there.is_ok_and(|there| there.as_deref() == Some(bytes));
+        if is_there {
+            // A collection that runs at the same time keeps objects that were just used.
+            self.note_use(&path, Duration::ZERO);
+        } else {
+            self.write(&path, bytes, Durability::PowerLoss)?;
+        }
+        Ok(!is_there)
+    }
+
     pub(crate) fn read(&self, key: &Key, wanted: impl Fn(&str) -> bool) -> Result<Option<Entry>, StorageError> {
         let path = self.path("results", key.as_bytes());
-        let Some(json) = self.read_file(&path)? else { return Ok(None) };
+        let Some(json) = self.read_file(&path, MOST_RECORD_BYTES)? else { return Ok(None) };
         let record = match Record::parse(&json, &key.hex()) {
             Ok(Some(record)) => record,
             Ok(None) => return Ok(None),
@@ -198,10 +214,17 @@ impl Cache {
 
     fn read_object(&self, hash: &blake3::Hash, size: u64) -> Result<Option<Vec<u8>>, StorageError> {
         let path = self.path("objects", hash.as_bytes());
-        let Some(bytes) = self.read_file(&path)? else { return Ok(None) };
-        if bytes.len() as u64 != size {
-            return Err(self.quarantine(path, &format!("has {} bytes instead of {size}", bytes.len())));
-        }
+        let bytes = match self.read_file(&path, size) {
+            Ok(Some(bytes)) if bytes.len() as u64 == size => bytes,
+            Ok(None) => return Ok(None),
+            Err(StorageError::Io { source, .. }) if source.kind() != io::ErrorKind::FileTooLarge => {
+                return Err(StorageError::Io { action: "read", path, source });
+            }
+            Ok(Some(_)) | Err(_) => {
+                let found = fs::symlink_metadata(&path).map_or(0, |data| data.len());
+                return Err(self.quarantine(path, &format!("has {found} bytes instead of {size}")));
+            }
+        };
         if content_hash(&bytes) != *hash {
             return Err(self.quarantine(path, "does not match its hash"));
         }
@@ -215,7 +238,10 @@ impl Cache {
         let target = self.folder().join(QUARANTINE).join(format!("{name}.{}.{nth}", std::process::id()));
         let moved = !self.read_only
             && self.owns(&path).unwrap_or(false)
-            && self.folder.write(&target, |target| fs::rename(&path, target)).is_ok();
+            && self
+                .folder
+                .write(&target, |target| Backoff::for_replacing().retry(|| fs::rename(&path, target)))
+                .is_ok();
         StorageError::Damaged { path, reason: reason.to_owned(), moved }
     }
 
@@ -226,10 +252,11 @@ impl Cache {
         self.folder().join(folder).join(first).join(rest)
     }
 
-    /// The content of a file of the cache. `None` if there is no such file, or if the folder belongs to somebody else.
-    pub(crate) fn read_file(&self, path: &Path) -> Result<Option<Vec<u8>>, StorageError> {
+    /// The content of a file of the cache with at most `most` bytes. `None` if there is no such file, or if the folder
+    /// belongs to somebody else.
+    pub(crate) fn read_file(&self, path: &Path, most: u64) -> Result<Option<Vec<u8>>, StorageError> {
         let is_there = self.owns(path);
-        match is_there.and_then(|is_there| is_there.then(|| fs::read(path)).transpose()) {
+        match is_there.and_then(|is_there| is_there.then(|| read_bounded(path, most)).transpose()) {
             Ok(bytes) => Ok(bytes),
             Err(e) if e.kind() == io::ErrorKind::NotFound => Ok(None),
             Err(source) => Err(StorageError::Io { action: "read", path: path.to_owned(), source }),

@@ -1,20 +1,29 @@
 //! The shared tiers that there are: folders and, with the feature `cloud`, object storage.
 
+use std::borrow::Cow;
+use std::io::{self, Read, Seek, SeekFrom};
+use std::ops::Range;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
+use blake3::Hash;
+use percent_encoding::percent_decode_str;
 use simpliguard_key::Key;
 
-use crate::record::Entry;
-use crate::shared::{Shared, Tier};
-use crate::store::{Cache, Lookup};
+use crate::error::StorageError;
+use crate::file::Durability;
+use crate::read::open_regular;
+use crate::shared::Shared;
+use crate::store::{Cache, USE_NOTED_AFTER};
+use crate::tier::{Damaged, Tier};
 
 impl Cache {
     /// Adds a shared tier. `address` is a folder, relative to `base`, or a URL such as `s3://bucket/folder`. With
     /// `read_only`, nothing is stored there. An address that cannot be used is reported at the first use of the tier.
     #[must_use]
     pub fn with_shared_tier(self, address: &str, base: &Path, read_only: bool) -> Self {
-        let tier: Result<Box<dyn Tier>, String> = match folder(address, base) {
-            Some(folder) => Ok(Box::new(Self::unlimited(folder, read_only))),
+        let tier: Result<Arc<dyn Tier>, String> = match folder(address, base, cfg!(windows)) {
+            Some(folder) => Ok(Arc::new(Self::unlimited(folder, read_only))),
             None => open_cloud(address),
         };
         self.with_shared(Shared::new(address, tier, read_only))
@@ -22,39 +31,108 @@ impl Cache {
 }
 
 /// The folder of an address that is a path or a `file:` URL.
-fn folder(address: &str, base: &Path) -> Option<PathBuf> {
+fn folder(address: &str, base: &Path, windows: bool) -> Option<PathBuf> {
     match address.split_once("://") {
-        Some(("file", path)) => Some(path.into()),
-        Some(_) => None,
-        None => Some(base.join(address)),
+        Some((scheme, path)) if scheme.eq_ignore_ascii_case("file") => Some(file_url_path(path, windows)),
+        // One letter is a drive.
+        Some((scheme, _)) if scheme.len() > 1 => None,
+        _ => Some(base.join(address)),
+    }
+}
+
+/// The path of a `file:` URL, given by what follows `file://`: `/srv/cache`, `localhost/srv/cache` or, on Windows,
+/// `/C:/cache` and `server/share`.
+fn file_url_path(rest: &str, windows: bool) -> PathBuf {
+    let rest = rest.strip_prefix("localhost").filter(|path| path.starts_with('/')).unwrap_or(rest);
+    let path: Cow<'_, str> = percent_decode_str(rest).decode_utf8().unwrap_or(rest.into());
+    let drive = |path: &str| matches!(path.as_bytes(), [b'/', letter, b':', ..] if letter.is_ascii_alphabetic());
+    match &*path {
+        path if windows && drive(path) => path[1..].into(),
+        path if windows && !path.starts_with('/') => format!("//{path}").into(),
+        path => path.into(),
     }
 }
 
 #[cfg(feature = "cloud")]
-fn open_cloud(address: &str) -> Result<Box<dyn Tier>, String> {
-    Ok(Box::new(crate::cloud::Cloud::open(address)?))
+fn open_cloud(address: &str) -> Result<Arc<dyn Tier>, String> {
+    Ok(Arc::new(crate::cloud::Cloud::open(address)?))
 }
 
 #[cfg(not(feature = "cloud"))]
-fn open_cloud(_: &str) -> Result<Box<dyn Tier>, String> {
+fn open_cloud(_: &str) -> Result<Arc<dyn Tier>, String> {
     Err("this build knows folders only; build it with the feature `cloud`".into())
 }
 
 /// A folder on a file server, with the layout of any cache.
 impl Tier for Cache {
-    fn get(&self, key: &Key) -> Result<Option<Entry>, String> {
+    fn record(&self, key: &Key, most: u64) -> Result<Option<Vec<u8>>, String> {
         // The folder of an unmounted server is missing. It must not look like an empty cache.
         if !self.root().is_dir() {
             return Err("there is no such folder".into());
         }
-        match Self::get(self, key) {
-            Lookup::Hit(entry) => Ok(Some(entry)),
-            Lookup::Miss => Ok(None),
-            Lookup::Damaged(error) => Err(error.to_string()),
+        let path = self.path("results", key.as_bytes());
+        let json = self.read_file(&path, most).map_err(|e| e.to_string())?;
+        if json.is_some() && !self.is_read_only() {
+            self.note_use(&path, USE_NOTED_AFTER);
+        }
+        Ok(json)
+    }
+
+    fn part(&self, object: &Hash, bytes: Range<u64>) -> Result<Option<Vec<u8>>, String> {
+        let path = self.path("objects", object.as_bytes());
+        let part = || {
+            let mut file = open_regular(&path)?;
+            file.seek(SeekFrom::Start(bytes.start))?;
+            let mut part = Vec::new();
+            file.take(bytes.end - bytes.start).read_to_end(&mut part).map(|_| part)
+        };
+        match self.owns(&path).and_then(|is_there| is_there.then(part).transpose()) {
+            Err(source) if source.kind() != io::ErrorKind::NotFound => {
+                Err(StorageError::Io { action: "read", path, source }.to_string())
+            }
+            part => Ok(part.unwrap_or(None)),
         }
     }
 
-    fn put(&self, key: &Key, entry: &Entry) -> Result<(), String> {
-        Self::put(self, key, entry).map_err(|e| e.to_string())
+    fn put_object(&self, object: &Hash, bytes: &[u8]) -> Result<(), String> {
+        self.write_object(object, bytes).map(drop).map_err(|e| e.to_string())
+    }
+
+    fn put_record(&self, key: &Key, json: &[u8]) -> Result<(), String> {
+        self.write(&self.path("results", key.as_bytes()), json, Durability::PowerLoss).map_err(|e| e.to_string())
+    }
+
+    fn set_aside(&self, damaged: Damaged, reason: &str) -> String {
+        let path = match damaged {
+            Damaged::Record(key) => self.path("results", key.as_bytes()),
+            Damaged::Object(hash) => self.path("objects", hash.as_bytes()),
+        };
+        self.quarantine(path, reason).to_string()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn file_urls_are_folders() {
+        let base = Path::new("project");
+        let on =
+            |windows, address: &str| folder(address, base, windows).map(|path| path.to_string_lossy().into_owned());
+        for (address, unix, windows) in [
+            ("file:///srv/cache", "/srv/cache", "/srv/cache"),
+            ("file://localhost/srv/cache", "/srv/cache", "/srv/cache"),
+            ("FILE:///my%20cache", "/my cache", "/my cache"),
+            ("file:///C:/cache", "/C:/cache", "C:/cache"),
+            ("file:///C%3A/my%20cache", "/C:/my cache", "C:/my cache"),
+            ("file://server/share", "server/share", "//server/share"),
+        ] {
+            assert_eq!(on(false, address).as_deref(), Some(unix));
+            assert_eq!(on(true, address).as_deref(), Some(windows));
+        }
+        assert_eq!(folder("server", base, true), Some(base.join("server")));
+        assert!(folder("C://cache", base, true).is_some());
+        assert_eq!(folder("s3://levels", base, true), None);
     }
 }

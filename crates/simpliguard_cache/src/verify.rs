@@ -5,7 +5,7 @@ use simpliguard_key::content_hash;
 
 use crate::error::StorageError;
 use crate::inventory::{Amount, Inventory, StoredFile};
-use crate::record::Record;
+use crate::record::{MOST_RESULT_BYTES, Record};
 use crate::stage_objects::is_whole;
 use crate::store::Cache;
 
@@ -44,7 +44,7 @@ impl Cache {
         files: &[&StoredFile],
         check: impl Fn(&[u8], &StoredFile) -> Result<(), String> + Sync,
     ) -> Vec<StorageError> {
-        let check = |file: &&StoredFile| match self.read_file(&file.path) {
+        let check = |file: &&StoredFile| match self.read_file(&file.path, MOST_RESULT_BYTES) {
             // Somebody removed it meanwhile.
             Ok(None) => None,
             Ok(Some(bytes)) => check(&bytes, file).err().map(|reason| self.quarantine(file.path.clone(), &reason)),

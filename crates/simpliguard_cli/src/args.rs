@@ -7,7 +7,7 @@ use clap::{Parser, Subcommand};
 use simpliguard::settings::{BakeOverrides, Layer, Origin, parse_cache_size, parse_overrides};
 
 use crate::error::UsageError;
-use crate::source::shown;
+use crate::source::{read_text, shown};
 
 /// Textured, skinned levels of detail for glTF models.
 #[derive(Parser, Debug)]
@@ -31,7 +31,7 @@ pub(crate) enum Command {
 /// some failed, the others are written; 2: wrong usage, nothing was baked; 130: interrupted.
 #[derive(clap::Args, Debug)]
 pub(crate) struct BakeArgs {
-    /// .glb and .gltf files, or folders. Folders are searched for both, except hidden folders and the output folder.
+    /// .glb and .gltf files, folders, or patterns such as `models/*.glb`. Folders are searched for both, except hidden folders and the output folder.
     #[arg(required = true, value_name = "INPUT")]
     pub(crate) inputs: Vec<PathBuf>,
     /// Folder of the results. Paths below a searched folder are kept.
@@ -160,7 +160,7 @@ impl SettingsSources {
         let mut layers = Vec::new();
         if let Some(path) = &self.settings {
             let file = shown(path);
-            let text = std::fs::read_to_string(path).map_err(|e| UsageError(format!("cannot read {file}: {e}")))?;
+            let text = read_text(path).map_err(|e| UsageError(format!("cannot read {file}: {e}")))?;
             layers.push(Layer { overrides: parse_overrides(&text, &file)?, origin: Origin::File { file } });
         }
         layers.push(Layer { overrides: self.flags()?, origin: Origin::CommandLine });

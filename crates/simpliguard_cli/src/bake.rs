@@ -1,11 +1,11 @@
 //! `simpliguard bake`: bakes one model after another, each on all threads.
 
 use std::cell::RefCell;
-use std::collections::BTreeSet;
-use std::fs;
+use std::collections::{BTreeMap, BTreeSet};
 use std::io::{self, Cursor};
 use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
+use std::rc::Rc;
 use std::time::Instant;
 
 use image::{ImageFormat, RgbImage};
@@ -15,7 +15,7 @@ use simpliguard::gltf::{ImportLimits, import};
 use simpliguard::settings::BakeSettings;
 use simpliguard::{Context, Error, NoResources, Source, StageId};
 use simpliguard_bake::{BakeResult, CachePlace, CachedBake, Host, Notice, Outcome, OutsideProject, Parts};
-use simpliguard_cache::{Cache, Durability, can_write_in, write_atomic};
+use simpliguard_cache::{Cache, Durability, can_write_in, read_bounded, remove_stale_temporaries, write_atomic};
 use simpliguard_eval::{TurntableError, contact_sheet, turntable};
 
 use crate::args::BakeArgs;
@@ -23,8 +23,12 @@ use crate::console::{self, AssetProgress};
 use crate::error::UsageError;
 use crate::interrupt::Interrupt;
 use crate::plan::{Job, plan};
+use crate::project::ProjectCache;
 use crate::source::SourceFile;
 use crate::summary::{self, JobReport, Written};
+
+/// The note of a result whose model is not there any more.
+const GONE: &str = "the model was deleted or renamed meanwhile; the result is that of the file as it was read";
 
 /// Bakes all models. Returns whether all succeeded.
 pub(crate) fn run(args: &BakeArgs) -> Result<bool, UsageError> {
@@ -50,6 +54,10 @@ struct Runner<'a> {
     interrupt: Interrupt,
     /// `None` for the global pool with all cores.
     pool: Option<ThreadPool>,
+    /// The caches of the projects so far. A shared cache that hangs costs one of them one wait, not each model.
+    caches: RefCell<BTreeMap<ProjectCache, Option<Rc<Cache>>>>,
+    /// Output folders without stale temporary files.
+    swept: RefCell<BTreeSet<PathBuf>>,
     /// Folders outside of their projects that a warning was printed for. A project has many models, but one cache.
     outside: RefCell<BTreeSet<PathBuf>>,
 }
@@ -90,14 +98,25 @@ impl<'a> Runner<'a> {
         let build = |n: NonZeroUsize| ThreadPoolBuilder::new().num_threads(n.get()).build();
         let pool = args.threads.map(build).transpose();
         let pool = pool.map_err(|e| UsageError(format!("--threads: cannot start the threads: {e}")))?;
-        Ok(Self { args, interrupt: Interrupt::install(), pool, outside: RefCell::default() })
+        Ok(Self {
+            args,
+            interrupt: Interrupt::install(),
+            pool,
+            caches: RefCell::default(),
+            swept: RefCell::default(),
+            outside: RefCell::default(),
+        })
     }
 
     fn bake(&self, job: &Job, progress: AssetProgress) -> JobReport {
         let start = Instant::now();
         let result = job.settings.as_ref().map_err(ToString::to_string).and_then(|settings| {
-            let outcome = self.find_or_bake(job, settings, &progress).map_err(|e| e.to_string())?;
-            let written = self.write(job, &outcome.result).map_err(|e| e.to_string())?;
+            let file = SourceFile::read(&job.input, &job.name, job.cache.project()).map_err(|e| e.to_string())?;
+            let mut outcome = self.find_or_bake(job, &file, settings, &progress).map_err(|e| e.to_string())?;
+            let written = self.write(job, &file, &outcome.result).map_err(|e| e.to_string())?;
+            if !job.input.exists() {
+                outcome.result.report.notes.push(GONE.to_owned());
+            }
             Ok((outcome, written))
         });
         let report = match result {
@@ -108,24 +127,33 @@ impl<'a> Runner<'a> {
         report
     }
 
-    fn find_or_bake(&self, job: &Job, settings: &BakeSettings, progress: &AssetProgress) -> Result<Outcome, Error> {
-        let file = SourceFile::read(&job.input, &job.name)?;
+    fn find_or_bake(
+        &self,
+        job: &Job,
+        file: &SourceFile,
+        settings: &BakeSettings,
+        progress: &AssetProgress,
+    ) -> Result<Outcome, Error> {
         let cache = self.cache(job);
         let draw = |model: &Model, levels: &[Level]| png(&model.name, &contact_sheet(model, levels));
         let parts = if self.args.sheet { Parts::Sheet(&draw) } else { Parts::Levels };
-        let bake = CachedBake::new(file.source(), settings, parts, cache.as_ref())?;
+        let bake = CachedBake::new(file.source(), settings, parts, cache.as_deref())?;
         let context = Context { progress: Some(progress), ..Context::default() };
         bake.run(&context, &JobHost { runner: self, job, progress })
     }
 
-    fn cache(&self, job: &Job) -> Option<Cache> {
+    fn cache(&self, job: &Job) -> Option<Rc<Cache>> {
+        if self.args.no_cache {
+            return None;
+        }
         let explicit = CachePlace { dir: self.args.cache_dir.as_deref(), shared: self.args.shared_cache.as_deref() };
         let warn = |outside: OutsideProject| {
             if self.outside.borrow_mut().insert(outside.folder.clone()) {
                 console::warning(&outside.to_string());
             }
         };
-        if self.args.no_cache { None } else { job.cache.open(explicit, warn) }
+        let mut caches = self.caches.borrow_mut();
+        caches.entry(job.cache.clone()).or_insert_with(|| job.cache.open(explicit, warn).map(Rc::new)).clone()
     }
 
     fn in_pool<T: Send>(&self, work: impl FnOnce() -> T + Send) -> T {
@@ -136,7 +164,7 @@ impl<'a> Runner<'a> {
     }
 
     /// Writes the files that were asked for.
-    fn write(&self, job: &Job, result: &BakeResult) -> Result<Written, Error> {
+    fn write(&self, job: &Job, file: &SourceFile, result: &BakeResult) -> Result<Written, Error> {
         let mut written = Written::default();
         self.write_file(job, &job.combined_path(), &result.combined)?;
         if self.args.split_levels {
@@ -153,7 +181,7 @@ impl<'a> Runner<'a> {
         }
         if self.args.turntable && !result.levels.is_empty() {
             let path = job.turntable_path();
-            let png = self.in_pool(|| draw_turntable(job, &result.levels))?;
+            let png = self.in_pool(|| draw_turntable(job, file, &result.levels))?;
             self.write_file(job, &path, &png)?;
             written.turntable = Some(path);
         }
@@ -162,11 +190,20 @@ impl<'a> Runner<'a> {
 
     fn write_file(&self, job: &Job, path: &Path, bytes: &[u8]) -> Result<(), Error> {
         // An unchanged file is not written, so that programs that watch it see no change.
-        if fs::read(path).is_ok_and(|there| there == bytes) {
+        if read_bounded(path, bytes.len() as u64).is_ok_and(|there| there == bytes) {
             return Ok(());
         }
+        self.sweep(path);
         let _hold = self.interrupt.hold();
         write_atomic(path, bytes, Durability::Process).map_err(|e| unwritable(job, path, &e))
+    }
+
+    /// Removes what killed runs have left in the folder of an output.
+    fn sweep(&self, output: &Path) {
+        let folder = output.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        if self.swept.borrow_mut().insert(folder.to_owned()) {
+            remove_stale_temporaries(folder);
+        }
     }
 
     /// Checks that files can be created in the nearest existing folder above the result. Leaves nothing behind.
@@ -180,8 +217,7 @@ impl<'a> Runner<'a> {
 }
 
 /// Draws a turntable from the files of the levels, so that a result from the cache suffices.
-fn draw_turntable(job: &Job, levels: &[(u32, Vec<u8>)]) -> Result<Vec<u8>, Error> {
-    let file = SourceFile::read(&job.input, &job.name)?;
+fn draw_turntable(job: &Job, file: &SourceFile, levels: &[(u32, Vec<u8>)]) -> Result<Vec<u8>, Error> {
     let model = import(&file.source(), &ImportLimits::default())?;
     let level = |(_, glb): &(u32, Vec<u8>)| {
         import(&Source { name: &job.name, bytes: glb, resources: &NoResources }, &ImportLimits::default())

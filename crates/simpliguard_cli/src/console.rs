@@ -5,22 +5,27 @@ use std::sync::{Mutex, PoisonError};
 use std::time::Duration;
 
 use indicatif::{ProgressBar, ProgressStyle};
-use simpliguard::{Progress, ProgressSink, StageId};
+use simpliguard::{Printable, Progress, ProgressSink, StageId};
 
 /// Number of steps of a full bar.
 const BAR_STEPS: u64 = 1000;
 
-/// Prints a line. A closed stderr is no reason to stop.
+/// Prints one or more lines. A closed stderr is no reason to stop.
 pub(crate) fn line(text: &str) {
-    let _ = writeln!(io::stderr(), "{text}");
+    let _ = writeln!(io::stderr(), "{}", printable_lines(text));
 }
 
 pub(crate) fn error(text: &str) {
-    line(&format!("error: {text}"));
+    line(&format!("error: {}", Printable(text)));
 }
 
 pub(crate) fn warning(text: &str) {
-    line(&format!("warning: {text}"));
+    line(&format!("warning: {}", Printable(text)));
+}
+
+/// A text of several lines, each as [`Printable`] shows it.
+pub(crate) fn printable_lines(text: &str) -> String {
+    text.split('\n').map(|line| Printable(line).to_string()).collect::<Vec<_>>().join("\n")
 }
 
 /// Progress of one model: a bar on a terminal, otherwise a line for each stage.
@@ -34,7 +39,7 @@ pub(crate) struct AssetProgress {
 impl AssetProgress {
     /// `number` counts from 1 to `total`.
     pub(crate) fn new(number: usize, total: usize, name: &str) -> Self {
-        let label = format!("[{number}/{total}] {name}");
+        let label = format!("[{number}/{total}] {}", Printable(name));
         let bar = io::stderr().is_terminal().then(|| {
             let bar = ProgressBar::new(BAR_STEPS).with_style(style()).with_prefix(label.clone());
             bar.enable_steady_tick(Duration::from_millis(100));
@@ -46,7 +51,7 @@ impl AssetProgress {
     /// Shows a note while the bake runs.
     pub(crate) fn note(&self, text: &str) {
         match &self.bar {
-            Some(bar) => bar.set_message(text.to_owned()),
+            Some(bar) => bar.set_message(Printable(text).to_string()),
             None => line(&format!("{}: {text}", self.label)),
         }
     }

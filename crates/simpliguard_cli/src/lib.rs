@@ -7,6 +7,7 @@
 
 mod args;
 mod bake;
+mod boundary;
 mod cache;
 mod console;
 mod error;
@@ -14,6 +15,7 @@ mod inputs;
 mod inspect;
 mod interrupt;
 mod output;
+mod pattern;
 mod plan;
 mod project;
 mod settings;

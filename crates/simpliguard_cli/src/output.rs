@@ -3,18 +3,30 @@
 use std::io::{self, Write};
 
 use serde::Serialize;
+use simpliguard::Printable;
 
+use crate::console::printable_lines;
 use crate::error::UsageError;
 
 /// A JSON document as text.
 pub(crate) fn json_text(document: &impl Serialize) -> Result<String, UsageError> {
     let text = serde_json::to_string_pretty(document);
-    Ok(text.map_err(|e| UsageError(format!("cannot write the JSON document: {e}")))? + "\n")
+    let text = text.map_err(|e| UsageError(format!("cannot write the JSON document: {e}")))?;
+    Ok(escape_strings(&text) + "\n")
+}
+
+/// Escapes the characters of a JSON text that JSON allows but that steer a terminal. They stand in strings only.
+fn escape_strings(json: &str) -> String {
+    let escape = |c: char| match c {
+        c if c != '\n' && Printable::is_escaped(c) => format!("\\u{:04x}", u32::from(c)),
+        c => c.to_string(),
+    };
+    if json.contains(Printable::is_escaped) { json.chars().map(escape).collect() } else { json.to_owned() }
 }
 
 /// Writes a text to standard output.
 pub(crate) fn write_stdout(text: &str) -> Result<(), UsageError> {
-    match io::stdout().write_all(text.as_bytes()) {
+    match io::stdout().write_all(printable_lines(text).as_bytes()) {
         // The reader of a pipe may leave early.
         Err(e) if e.kind() != io::ErrorKind::BrokenPipe => Err(UsageError(format!("cannot write to stdout: {e}"))),
         _ => Ok(()),
@@ -37,4 +49,17 @@ pub(crate) fn columns(rows: &[Vec<String>], left: usize, text_last: bool) -> Str
         text.push('\n');
     }
     text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn json_has_no_character_that_steers_a_terminal() {
+        let names = ["\x1b[2J", "\u{9b}2J\u{7f}", "\u{202e}\u{2028}", "f\u{fc}chse\n"];
+        let text = json_text(&names).expect("serialises");
+        assert!(!text.replace('\n', "").contains(Printable::is_escaped), "{text:?}");
+        assert_eq!(serde_json::from_str::<Vec<String>>(&text).expect("JSON"), names);
+    }
 }

@@ -80,7 +80,8 @@ impl Job {
 pub(crate) fn plan(args: &BakeArgs) -> Result<Vec<Job>, UsageError> {
     let mut lookup = SettingsLookup::new(&args.settings)?;
     let mut jobs = Vec::new();
-    for input in without_repetition(inputs::find(&args.inputs, &args.output)?) {
+    let inputs = inputs::find(&args.inputs, &args.output, lookup.fixed_project())?;
+    for input in without_repetition(inputs) {
         let settings = lookup.of(&input.path)?;
         jobs.push(Job {
             name: input.path.display().to_string(),

@@ -2,7 +2,6 @@
 
 use std::collections::BTreeMap;
 use std::ffi::OsString;
-use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
 
@@ -13,7 +12,7 @@ use simpliguard_cache::Cache;
 
 use crate::args::SettingsSources;
 use crate::error::UsageError;
-use crate::source::{shown, slashed};
+use crate::source::{read_text, shown, slashed};
 
 /// The folder and the file of a project.
 #[derive(Debug, Default)]
@@ -41,7 +40,7 @@ pub(crate) struct ModelSettings {
 }
 
 /// The cache as a project configures it.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) struct ProjectCache {
     settings: CacheSettings,
     /// The project's folder.
@@ -53,6 +52,11 @@ impl ProjectCache {
     pub(crate) fn of(folder: Option<&Path>) -> Result<Self, UsageError> {
         let here = || nearest_project(&std::env::current_dir().ok()?.join("here"));
         Ok(Project::read(folder.map(existing_folder).transpose()?.or_else(here))?.cache())
+    }
+
+    /// The project's folder. `None` outside of any project.
+    pub(crate) fn project(&self) -> Option<&Path> {
+        Some(self.base.as_path()).filter(|base| !base.as_os_str().is_empty())
     }
 
     /// Opens the cache, if there is a place for one. `explicit` is from the command line. `notify` is called if the
@@ -71,6 +75,11 @@ impl SettingsLookup {
             top: sources.layers()?,
             projects: BTreeMap::new(),
         })
+    }
+
+    /// The project of all models, if the command line gives one.
+    pub(crate) fn fixed_project(&self) -> Option<&Path> {
+        self.fixed.as_deref()
     }
 
     /// The settings of a model. `Err` for what is wrong with the project or the command line.
@@ -97,7 +106,7 @@ impl Project {
         let Some(folder) = folder else { return Ok(Self::default()) };
         let path = folder.join(ProjectFile::PATH);
         let file = shown(&path);
-        let file = match fs::read_to_string(&path) {
+        let file = match read_text(&path) {
             Ok(text) => ProjectFile::parse(&text, &file)?,
             Err(e) if e.kind() == io::ErrorKind::NotFound => ProjectFile::default(),
             Err(e) => return Err(UsageError(format!("cannot read {file}: {e}"))),
@@ -127,7 +136,8 @@ fn existing_folder(dir: &Path) -> Result<PathBuf, UsageError> {
     }
 }
 
-fn nearest_project(model: &Path) -> Option<PathBuf> {
+/// The nearest folder above a model that has a project's file.
+pub(crate) fn nearest_project(model: &Path) -> Option<PathBuf> {
     model.ancestors().skip(1).find(|folder| folder.join(ProjectFile::PATH).is_file()).map(Path::to_owned)
 }
 
@@ -136,7 +146,7 @@ fn read_meta(model: &Path) -> Result<Option<Layer>, Error> {
     let mut path = OsString::from(model);
     path.push(".meta");
     let file = shown(Path::new(&path));
-    let text = match fs::read_to_string(&path) {
+    let text = match read_text(Path::new(&path)) {
         Ok(text) => text,
         Err(e) if e.kind() == io::ErrorKind::NotFound => return Ok(None),
         Err(e) => return Err(Error::Settings(format!("cannot read {file}: {e}"))),

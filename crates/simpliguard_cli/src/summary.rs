@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use serde::Serialize;
-use simpliguard::{LevelReport, Status};
+use simpliguard::{LevelReport, Printable, Status};
 use simpliguard_bake::Outcome;
 
 use crate::console;
@@ -117,14 +117,15 @@ impl JobReport {
     /// The text for the console: one line, and one more for each note and each level that stopped early.
     pub(crate) fn line(&self) -> String {
         if let Some(error) = &self.error {
-            return format!("failed\nerror: {error}");
+            return format!("failed\nerror: {}", Printable(error));
         }
         let mut text = format!("{} in {}", self.status.replace('_', " "), self.time());
         for note in &self.notes {
-            text += &format!("\n  note: {note}");
+            text += &format!("\n  note: {}", Printable(note));
         }
         for Level { report, .. } in &self.levels {
             if let Some(reason) = &report.stopped {
+                let reason = Printable(reason);
                 text += &format!("\n  note: LOD{} stopped at {} faces: {reason}", report.level, report.faces);
             }
         }
@@ -138,7 +139,7 @@ impl JobReport {
     /// The row of the table: name, status, faces of `levels` levels, time.
     fn row(&self, levels: usize) -> Vec<String> {
         let faces = |i: usize| self.levels.get(i).map_or("-".to_owned(), |l| l.report.faces.to_string());
-        let mut row = vec![self.input.clone(), self.status.replace('_', " ")];
+        let mut row = vec![Printable(&self.input).to_string(), self.status.replace('_', " ")];
         row.extend((0..levels).map(faces));
         row.push(self.time());
         row

@@ -1,7 +1,9 @@
 //! Weights of materials.
 
-use globset::{GlobBuilder, GlobMatcher};
+use globset::GlobMatcher;
 use serde::{Deserialize, Serialize};
+
+use super::glob::compile_glob;
 
 /// Weight of the faces of some materials, relative to all others.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -16,6 +18,6 @@ pub struct MaterialWeight {
 impl MaterialWeight {
     /// Matches names of materials; `None` if the glob is malformed.
     pub fn matcher(&self) -> Option<GlobMatcher> {
-        GlobBuilder::new(&self.material).build().ok().map(|glob| glob.compile_matcher())
+        compile_glob(&self.material, |_| {}).ok()
     }
 }

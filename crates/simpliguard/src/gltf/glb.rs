@@ -21,3 +21,77 @@ pub(super) fn u32_at(bytes: &[u8], at: usize) -> Option<u32> {
     let bytes = bytes.get(at..at.checked_add(4)?)?;
     Some(u32::from_le_bytes(bytes.try_into().ok()?))
 }
+
+/// The JSON of a glTF, and its binary chunk.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Chunks<'b> {
+    /// JSON text without byte order mark and padding.
+    pub(super) json: &'b [u8],
+    pub(super) bin: Option<&'b [u8]>,
+}
+
+/// The reason why a file has no chunks.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) enum Fault {
+    /// It is of another type.
+    NotGltf(&'static str),
+    /// It breaks the layout.
+    Broken(String),
+}
+
+/// Splits a `.glb` or `.gltf`. The import and the keys read files through this function alone, so they take the same files.
+pub(super) fn split(bytes: &[u8]) -> Result<Chunks<'_>, Fault> {
+    if bytes.starts_with(MAGIC) {
+        return split_binary(bytes);
+    }
+    let json = unpadded(bytes);
+    match json.iter().find(|byte| !byte.is_ascii_whitespace()) {
+        Some(b'{') => Ok(Chunks { json, bin: None }),
+        Some(_) => Err(Fault::NotGltf("it starts with neither 'glTF' nor '{'")),
+        None => Err(Fault::NotGltf("it is empty")),
+    }
+}
+
+/// JSON and first BIN chunk of a binary glTF; other chunks are skipped, as the specification asks.
+fn split_binary(bytes: &[u8]) -> Result<Chunks<'_>, Fault> {
+    let (Some(version), Some(length)) = (u32_at(bytes, 4), u32_at(bytes, 8)) else {
+        return Err(truncated("the 12 byte header", bytes.len()));
+    };
+    if version != VERSION {
+        return Err(Fault::Broken(format!("it is binary glTF version {version}; version 2 is read")));
+    }
+    let length = length as usize;
+    if bytes.len() < length {
+        return Err(truncated(&format!("{length} bytes, as its header says"), bytes.len()));
+    }
+    let (mut json, mut bin, mut at) = (None, None, HEADER_BYTES);
+    while at < length {
+        let (Some(size), Some(kind)) = (u32_at(bytes, at), u32_at(bytes, at + 4)) else {
+            return Err(truncated("a chunk header", bytes.len()));
+        };
+        let (start, size) = (at + CHUNK_HEADER_BYTES, size as usize);
+        let Some(data) = bytes[..length].get(start..).and_then(|rest| rest.get(..size)) else {
+            let left = length.saturating_sub(start);
+            return Err(Fault::Broken(format!("the chunk at byte {at} says {size} bytes, but {left} are left")));
+        };
+        match kind {
+            JSON_CHUNK if json.is_none() => json = Some(unpadded(data)),
+            BIN_CHUNK if bin.is_none() => bin = Some(data),
+            _ => {}
+        }
+        at = start + size.next_multiple_of(4);
+    }
+    let json = json.ok_or_else(|| Fault::Broken("the binary glTF has no JSON chunk".into()))?;
+    Ok(Chunks { json, bin })
+}
+
+fn truncated(what: &str, length: usize) -> Fault {
+    Fault::Broken(format!("the file is truncated: it should hold {what}, but it ends after {length} bytes"))
+}
+
+/// JSON text without a byte order mark in front and the NULs that some writers pad with.
+fn unpadded(text: &[u8]) -> &[u8] {
+    let text = text.strip_prefix(UTF8_BOM).unwrap_or(text);
+    let end = text.iter().rposition(|&byte| byte != 0).map_or(0, |last| last + 1);
+    &text[..end]
+}

@@ -9,4 +9,4 @@ pub(crate) use export::export_in;
 pub use export::{ExportParams, export, export_level};
 pub(crate) use import::import_in;
 pub use import::{ImportLimits, has_levels, import};
-pub use uris::external_uris;
+pub use uris::{check_binary, external_uris};

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::num::NonZeroU32;
 
 use bytesize::ByteSize;
-use globset::{GlobBuilder, GlobMatcher};
+use globset::GlobMatcher;
 use serde::Deserialize;
 use serde::de::{Deserializer, Error as _};
 
@@ -12,6 +12,7 @@ use super::fields::BakeOverrides;
 use super::resolve::{Layer, Origin};
 use super::text::{did_you_mean, parse};
 use crate::Error;
+use crate::data::compile_glob;
 
 /// A project file:
 ///
@@ -114,8 +115,10 @@ impl Rule {
 /// Reads a glob. `*` stays within a folder and `**` crosses folders, on every platform.
 fn matcher<'de, D: Deserializer<'de>>(deserializer: D) -> Result<GlobMatcher, D::Error> {
     let pattern = String::deserialize(deserializer)?;
-    let glob = GlobBuilder::new(&pattern).literal_separator(true).backslash_escape(true).build();
-    Ok(glob.map_err(|e| D::Error::custom(format!("glob: {e}")))?.compile_matcher())
+    let glob = compile_glob(&pattern, |glob| {
+        glob.literal_separator(true).backslash_escape(true);
+    });
+    glob.map_err(|e| D::Error::custom(format!("glob: {e}")))
 }
 
 #[derive(Deserialize, Default)]
@@ -263,5 +266,7 @@ mod tests {
             "settings: p.ron:2:12: unknown value 'Lowset'; did you mean 'Lowest'?"
         );
         assert!(message("(rules: [\n(glob: \"[\", settings: ())])").starts_with("settings: p.ron:2:"));
+        let nested = format!("(rules: [\n(glob: \"{}a,b{}\", settings: ())])", "{".repeat(260), "}".repeat(260));
+        assert!(message(&nested).contains("glob: it is too complex"));
     }
 }

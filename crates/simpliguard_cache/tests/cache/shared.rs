@@ -19,7 +19,8 @@ fn single_flight(cache: &Cache, name: &str) -> (SingleFlight<Entry>, Vec<String>
     let find = || if let Lookup::Hit(entry) = cache.get(&key(name)) { Some(entry) } else { None };
     let notify = |notice: Notice| notices.borrow_mut().push(notice.to_string());
     let make = || cache.put(&key(name), &entry()).map(|()| entry());
-    let outcome = cache.single_flight(&Flight { notify: &notify, ..flight(&key(name)) }, find, make).expect("stores");
+    let outcome =
+        cache.single_flight(&Flight { notify: &notify, ..flight(&key(name)) }, find, Some, make).expect("stores");
     (outcome, notices.into_inner())
 }
 
@@ -86,4 +87,37 @@ fn object_storage_needs_a_feature() {
     let (made, notices) = single_flight(&machine(dir.path(), "a", "s3://levels"), "k");
     assert_eq!(made, SingleFlight::Made(entry()));
     assert!(notices[0].contains("cannot read from s3://levels: this build knows folders only"), "{notices:?}");
+}
+
+#[test]
+fn a_forged_result_is_neither_used_nor_stored() {
+    let dir = tempfile::tempdir().expect("tempdir");
+    fs::create_dir(dir.path().join("server")).expect("makes");
+    single_flight(&machine(dir.path(), "a", "server"), "k");
+    let cache = machine(dir.path(), "b", "server");
+    let notices: RefCell<Vec<String>> = RefCell::default();
+    let key = key("k");
+    let request = Flight {
+        notify: &|notice: Notice| notices.borrow_mut().push(notice.to_string()),
+        check: &|_| Err("is not the result of a bake".into()),
+        ..flight(&key)
+    };
+    let find = || if let Lookup::Hit(entry) = cache.get(&key) { Some(entry) } else { None };
+    let outcome = cache.single_flight(&request, find, |_| panic!("was taken"), || Err::<Entry, _>("made"));
+    assert_eq!(outcome, Err("made"));
+    assert!(matches!(cache.get(&key), Lookup::Miss));
+    let notices = notices.into_inner();
+    assert!(notices.len() == 1 && notices[0].contains("is not the result of a bake"), "{notices:?}");
+}
+
+#[test]
+fn a_cache_that_cannot_be_written_still_uses_shared_results() {
+    let dir = tempfile::tempdir().expect("tempdir");
+    fs::create_dir(dir.path().join("server")).expect("makes");
+    single_flight(&machine(dir.path(), "a", "server"), "k");
+    // No folder can be created below a file, whatever rights the test has.
+    fs::write(dir.path().join("file"), "").expect("writes");
+    let (found, notices) = single_flight(&machine(dir.path(), "file", "server"), "k");
+    assert_eq!(found, SingleFlight::Found(entry()));
+    assert!(notices.len() == 1 && notices[0].starts_with("the result is not kept: cache: cannot write"), "{notices:?}");
 }

@@ -66,6 +66,27 @@ pub(crate) fn triangle() -> Vec<u8> {
     glb(&[[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]], &[[0, 1, 2]])
 }
 
+/// The bytes of [`triangle_beside`].
+pub(crate) const TRIANGLE: [u8; 36] = {
+    let mut bytes = [0; 36];
+    // 1.0 as the x of the second vertex and as the y of the third.
+    (bytes[14], bytes[15], bytes[30], bytes[31]) = (0x80, 0x3f, 0x80, 0x3f);
+    bytes
+};
+
+/// One triangle, as glTF whose bytes lie in another file.
+pub(crate) fn triangle_beside(uri: &str) -> String {
+    serde_json::json!({
+        "asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [0]}], "nodes": [{"mesh": 0}],
+        "meshes": [{"primitives": [{"attributes": {"POSITION": 0}}]}],
+        "buffers": [{"byteLength": 36, "uri": uri}],
+        "bufferViews": [{"buffer": 0, "byteLength": 36}],
+        "accessors": [{"bufferView": 0, "componentType": 5126, "type": "VEC3", "count": 3,
+                       "min": [0, 0, 0], "max": [1, 1, 0]}],
+    })
+    .to_string()
+}
+
 /// A bumpy sphere of `2 * rings * rings` triangles.
 pub(crate) fn sphere(rings: u32) -> Vec<u8> {
     let step = std::f32::consts::PI / rings as f32;

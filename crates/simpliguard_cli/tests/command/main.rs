@@ -3,5 +3,6 @@
 mod bake;
 mod cache;
 mod folder;
+mod hostile;
 mod together;
 mod usage;

@@ -29,9 +29,9 @@ fn a_truncated_file_is_named() {
     let folder = Folder::new().with("a.glb", &triangle()[..100]).with("b.gltf", "{\"asset\":").with("c.glb", "");
     let run = folder.bake(&["a.glb", "b.gltf", "c.glb"]);
     assert_eq!(run.code, 1);
-    run.says("a.glb: import: the file ends after 100 of at least");
-    run.says("b.gltf: import: the JSON is malformed");
-    run.says("c.glb: import: the file is empty");
+    run.says("a.glb: import: the file is truncated: it should hold 532 bytes");
+    run.says("b.gltf: import: its JSON is broken");
+    run.says("c.glb: import: not a glTF file: it is empty");
     assert!(!folder.path("lods").exists());
 }
 

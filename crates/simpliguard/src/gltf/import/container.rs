@@ -5,7 +5,7 @@ use serde_json::Value;
 
 use super::asset::Asset;
 use crate::Error;
-use crate::gltf::glb::{BIN_CHUNK, CHUNK_HEADER_BYTES, HEADER_BYTES, JSON_CHUNK, MAGIC, UTF8_BOM, VERSION, u32_at};
+use crate::gltf::glb::{Chunks, Fault, split};
 
 /// The JSON of a file, and its binary chunk.
 #[derive(Debug)]
@@ -17,73 +17,57 @@ pub(super) struct Container {
 /// Splits `bytes`, parses the JSON and checks that it is glTF 2.
 pub(super) fn parse(asset: Asset<'_>, bytes: &[u8]) -> Result<Container, Error> {
     asset.within("the file's size in bytes", bytes.len(), asset.limits.bytes)?;
-    let (text, bin) = if bytes.starts_with(MAGIC) { chunks(asset, bytes)? } else { (text(asset, bytes)?, None) };
+    let Chunks { json: text, bin } = split(bytes).map_err(|fault| match fault {
+        Fault::NotGltf(why) => asset.not_gltf(why),
+        Fault::Broken(found) => asset.invalid(found),
+    })?;
     let json = json(asset, text)?;
     check_version(asset, &json)?;
     Ok(Container { json, bin: bin.map(Bytes::copy_from_slice) })
 }
 
-/// JSON and first BIN chunk of a binary glTF; other chunks are skipped, as the specification asks.
-fn chunks<'b>(asset: Asset<'_>, bytes: &'b [u8]) -> Result<(&'b [u8], Option<&'b [u8]>), Error> {
-    let (Some(version), Some(length)) = (u32_at(bytes, 4), u32_at(bytes, 8)) else {
-        return Err(truncated(asset, "the 12 byte header", bytes.len()));
-    };
-    if version != VERSION {
-        return Err(asset.invalid(format!("it is binary glTF version {version}; version 2 is read")));
-    }
-    let length = length as usize;
-    if bytes.len() < length {
-        return Err(truncated(asset, &format!("{length} bytes, as its header says"), bytes.len()));
-    }
-    let (mut json, mut bin, mut at) = (None, None, HEADER_BYTES);
-    while at < length {
-        let (Some(size), Some(kind)) = (u32_at(bytes, at), u32_at(bytes, at + 4)) else {
-            return Err(truncated(asset, "a chunk header", bytes.len()));
-        };
-        let (start, size) = (at + CHUNK_HEADER_BYTES, size as usize);
-        let Some(data) = bytes[..length].get(start..).and_then(|rest| rest.get(..size)) else {
-            let left = length.saturating_sub(start);
-            return Err(asset.invalid(format!("the chunk at byte {at} says {size} bytes, but {left} are left")));
-        };
-        match kind {
-            JSON_CHUNK if json.is_none() => json = Some(data),
-            BIN_CHUNK if bin.is_none() => bin = Some(data),
-            _ => {}
-        }
-        at = start + size.next_multiple_of(4);
-    }
-    let json = json.ok_or_else(|| asset.invalid("the binary glTF has no JSON chunk"))?;
-    Ok((json, bin))
-}
-
-fn truncated(asset: Asset<'_>, what: &str, length: usize) -> Error {
-    asset.invalid(format!("the file is truncated: it should hold {what}, but it ends after {length} bytes"))
-}
-
-/// The text of a `.gltf`, without a byte order mark.
-fn text<'b>(asset: Asset<'_>, bytes: &'b [u8]) -> Result<&'b [u8], Error> {
-    let text = bytes.strip_prefix(UTF8_BOM).unwrap_or(bytes);
-    match text.iter().find(|byte| !byte.is_ascii_whitespace()) {
-        Some(b'{') => Ok(text),
-        Some(_) => Err(asset.not_gltf("it starts with neither 'glTF' nor '{'")),
-        None => Err(asset.not_gltf("it is empty")),
-    }
-}
-
 /// Parses JSON; nesting beyond 128 levels is refused by the parser.
 fn json(asset: Asset<'_>, text: &[u8]) -> Result<Value, Error> {
-    // Every value but the first of its list follows a comma, so the commas bound the size of the parsed JSON.
-    let commas = text.iter().filter(|&&byte| byte == b',').count();
-    asset.within("the number of JSON values", commas, asset.limits.json_values)?;
-    let text = text.strip_prefix(UTF8_BOM).unwrap_or(text);
-    let end = text.iter().rposition(|&byte| byte != 0).map_or(0, |last| last + 1);
+    let estimate = Estimate::of(text);
+    asset.within("the number of JSON values", estimate.values, asset.limits.json_values)?;
+    asset.within("the memory in bytes of the parsed JSON", estimate.bytes(), asset.limits.json_bytes)?;
     let mut json: Value =
-        serde_json::from_slice(&text[..end]).map_err(|error| asset.invalid(format!("its JSON is broken: {error}")))?;
+        serde_json::from_slice(text).map_err(|error| asset.invalid(format!("its JSON is broken: {error}")))?;
     if !json.is_object() {
         return Err(asset.not_gltf("its JSON is not an object"));
     }
     whole_numbers_to_integers(&mut json);
     Ok(json)
+}
+
+/// An upper bound of what is in a JSON text, from its punctuation. Punctuation in strings counts, too.
+struct Estimate {
+    text: usize,
+    /// Every value but the first of its list follows a comma.
+    values: usize,
+    arrays: usize,
+    objects: usize,
+}
+
+impl Estimate {
+    /// Bytes of a value in its list, with the room that the list keeps free.
+    const VALUE: usize = 64;
+    /// Bytes of a list with one value.
+    const ARRAY: usize = 144;
+    /// Bytes of an object with one property: it has room for eleven.
+    const OBJECT: usize = 640;
+
+    fn of(text: &[u8]) -> Self {
+        let mut counts = [0; 256];
+        text.iter().for_each(|&byte| counts[usize::from(byte)] += 1);
+        let [values, arrays, objects] = [b',', b'[', b'{'].map(|byte| counts[usize::from(byte)]);
+        Self { text: text.len(), values, arrays, objects }
+    }
+
+    fn bytes(&self) -> usize {
+        let Self { text, values, arrays, objects } = self;
+        text + values * Self::VALUE + arrays * Self::ARRAY + objects * Self::OBJECT
+    }
 }
 
 /// Writes whole floats as integers. JSON has one kind of number, so `3.0` is a valid index, but readers expect `3`.

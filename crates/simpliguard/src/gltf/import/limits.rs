@@ -7,6 +7,9 @@ pub struct ImportLimits {
     pub bytes: u64,
     /// Number of values in the JSON.
     pub json_values: u64,
+    /// Memory that the parsed JSON takes, in bytes, estimated from the text. Nested lists and objects take a hundred times as
+    /// much as their text.
+    pub json_bytes: u64,
     /// Number of glTF nodes.
     pub nodes: u64,
     /// Depth of the node tree.
@@ -22,6 +25,7 @@ impl Default for ImportLimits {
         Self {
             bytes: 2 << 30,
             json_values: 20_000_000,
+            json_bytes: 2 << 30,
             nodes: 200_000,
             depth: 512,
             triangles: 20_000_000,

@@ -114,6 +114,17 @@ fn deep_json_is_refused() {
 }
 
 #[test]
+fn json_that_would_take_much_memory_is_refused_before_it_is_parsed() {
+    // Each pair of brackets takes hundreds of bytes once it is parsed.
+    for (open, close) in [("{\"\":", "}"), ("[", "]")] {
+        let nested = format!("{}1{}", open.repeat(100), close.repeat(100));
+        let text = format!("{{\"extras\":[{}1]}}", format!("{nested},").repeat(30_000_000 / nested.len()));
+        let error = import_bytes(text.as_bytes(), &ImportLimits::default()).expect_err("an error");
+        assert_says(&error.to_string(), &["test.glb", "memory in bytes of the parsed JSON", "over the limit"]);
+    }
+}
+
+#[test]
 fn extents_past_their_bytes_are_refused() {
     let message = |edit: &dyn Fn(&mut Builder)| {
         let mut file = Builder::triangle();

@@ -1,0 +1,145 @@
+//! Requests to a shared tier, each with a time limit.
+//!
+//! A call to a file system or to a library cannot be ended from outside. So each request runs on a thread of its own,
+//! and the caller stops waiting for it. A thread that never comes back holds no lock.
+
+use std::sync::Arc;
+use std::sync::mpsc::{self, RecvTimeoutError};
+use std::thread;
+use std::time::{Duration, Instant};
+
+use simpliguard_key::{Key, content_hash};
+
+use crate::record::{Entry, MOST_RECORD_BYTES, ObjectRecord, Record};
+use crate::tier::{Damaged, Tier};
+
+/// Most bytes that one request reads.
+const PART: u64 = 4 << 20;
+/// Time between two looks at the caller's cancellation.
+const LOOK: Duration = Duration::from_millis(50);
+
+/// The time that a request may take.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Patience {
+    /// For an answer.
+    pub(crate) request: Duration,
+    /// Slowest transfer that is waited for.
+    pub(crate) bytes_per_second: u64,
+}
+
+impl Default for Patience {
+    fn default() -> Self {
+        // A file server that wakes its disks needs 10 seconds.
+        Self { request: Duration::from_secs(20), bytes_per_second: 256 << 10 }
+    }
+}
+
+impl Patience {
+    fn for_bytes(self, bytes: u64) -> Duration {
+        self.request + Duration::from_secs(bytes / self.bytes_per_second)
+    }
+}
+
+/// The end of a request without an answer.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) enum Failure {
+    /// The tier answered with an error, for this reason.
+    Broken(String),
+    /// The tier did not answer for this time.
+    Stalled(Duration),
+    /// The caller does not want an answer any more.
+    Cancelled,
+}
+
+/// Sends requests to a tier.
+#[derive(Clone, Copy)]
+pub(crate) struct Requests<'a> {
+    pub(crate) tier: &'a Arc<dyn Tier>,
+    pub(crate) patience: Patience,
+    pub(crate) is_cancelled: &'a dyn Fn() -> bool,
+}
+
+impl Requests<'_> {
+    /// The result of a key, checked against its hashes.
+    pub(crate) fn get(self, key: &Key) -> Result<Option<Entry>, Failure> {
+        let key = *key;
+        let Some(json) = self.send(0, move |tier| tier.record(&key, MOST_RECORD_BYTES))? else { return Ok(None) };
+        let record = match Record::parse(&json, &key.hex()) {
+            Ok(Some(record)) => record,
+            Ok(None) => return Ok(None),
+            Err(reason) => return Err(Failure::Broken(self.set_aside(Damaged::Record(key), &reason)?)),
+        };
+        let mut objects = Vec::with_capacity(record.objects.len());
+        for object in record.objects {
+            let Some(bytes) = self.object(&object)? else { return Ok(None) };
+            objects.push((object.name, bytes));
+        }
+        Ok(Some(Entry { objects }))
+    }
+
+    fn object(self, object: &ObjectRecord) -> Result<Option<Vec<u8>>, Failure> {
+        let (hash, size) = (object.hash, object.size);
+        // Memory is taken part by part: the size is a claim until the bytes are there.
+        let mut bytes = Vec::new();
+        while (bytes.len() as u64) < size {
+            let start = bytes.len() as u64;
+            let part = start..size.min(start + PART);
+            let wanted = part.end - part.start;
+            let Some(found) = self.send(wanted, move |tier| tier.part(&hash, part))? else { return Ok(None) };
+            bytes.extend_from_slice(&found);
+            if found.len() as u64 != wanted {
+                break;
+            }
+        }
+        let reason = if bytes.len() as u64 != size {
+            format!("has {} bytes instead of {size}", bytes.len())
+        } else if content_hash(&bytes) != hash {
+            "does not match its hash".to_owned()
+        } else {
+            return Ok(Some(bytes));
+        };
+        Err(Failure::Broken(self.set_aside(Damaged::Object(hash), &reason)?))
+    }
+
+    /// Stores a result: first its objects, then the record that lists them.
+    pub(crate) fn put(self, key: &Key, entry: Entry) -> Result<(), Failure> {
+        let key = *key;
+        let mut objects = Vec::with_capacity(entry.objects.len());
+        for (name, bytes) in entry.objects {
+            let (hash, size) = (content_hash(&bytes), bytes.len() as u64);
+            self.send(size, move |tier| tier.put_object(&hash, &bytes))?;
+            objects.push(ObjectRecord { name, hash, size });
+        }
+        let json = Record::new(&key, objects).to_json().map_err(|e| Failure::Broken(e.to_string()))?;
+        self.send(json.len() as u64, move |tier| tier.put_record(&key, &json))
+    }
+
+    /// Sets a damaged file aside. Returns a description of the damage.
+    pub(crate) fn set_aside(self, damaged: Damaged, reason: &str) -> Result<String, Failure> {
+        let reason = reason.to_owned();
+        self.send(0, move |tier| Ok(tier.set_aside(damaged, &reason)))
+    }
+
+    /// Sends a request that moves about `bytes`, and waits for the answer.
+    fn send<T: Send + 'static>(
+        self,
+        bytes: u64,
+        request: impl FnOnce(&dyn Tier) -> Result<T, String> + Send + 'static,
+    ) -> Result<T, Failure> {
+        let (sender, answer) = mpsc::sync_channel(1);
+        let tier = self.tier.clone();
+        let work = move || drop(sender.send(request(tier.as_ref())));
+        let thread = thread::Builder::new().name("simpliguard shared cache".into()).spawn(work);
+        thread.map_err(|e| Failure::Broken(format!("cannot start a thread: {e}")))?;
+        let (start, limit) = (Instant::now(), self.patience.for_bytes(bytes));
+        loop {
+            match answer.recv_timeout(LOOK.min(limit)) {
+                Ok(answer) => return answer.map_err(Failure::Broken),
+                Err(RecvTimeoutError::Disconnected) => return Err(Failure::Broken("the request failed".into())),
+                Err(RecvTimeoutError::Timeout) if (self.is_cancelled)() => return Err(Failure::Cancelled),
+                Err(RecvTimeoutError::Timeout) if start.elapsed() >= limit => return Err(Failure::Stalled(limit)),
+                Err(RecvTimeoutError::Timeout) => {}
+            }
+        }
+    }
+}
