@@ -48,7 +48,8 @@ impl<'a> TrainValidationSplit<'a> {
         }
     }
 
-    /// Mean PSNR over the validation views, on white, in dB; over some of them if cancelled.
+    /// Mean PSNR over the validation views, in dB; over some of them if cancelled. The background is white and black by
+    /// halves: on one alone, the outline of a model of that colour would not count.
     pub(super) fn score(&self, low: &LowPoly) -> f32 {
         let CoveredViews { views, rects } = &self.validation;
         let errors: Vec<f64> = views
@@ -59,7 +60,8 @@ impl<'a> TrainValidationSplit<'a> {
                 || FrameBuffers::new(self.validation.size()),
                 |frame, (view, rect)| {
                     frame.render(low, &view.camera, view.pose, *rect);
-                    squared_error(frame, &view.image, 1.0) / (3 * frame.size * frame.size) as f64
+                    let error = |background| squared_error(frame, &view.image, background);
+                    0.5 * (error(1.0) + error(0.0)) / (3 * frame.size * frame.size) as f64
                 },
             )
             .collect();

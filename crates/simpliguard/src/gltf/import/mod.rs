@@ -158,9 +158,7 @@ fn load(asset: Asset<'_>, source: &Source<'_>) -> Result<Loaded, Error> {
         basisu::remove_extension(&mut json);
         basisu::replace(&mut json, &mut buffers, &mut images, ktx2);
     }
-    if has_draco || has_basisu {
-        basisu::add_webp_sources(&mut json);
-    }
+    basisu::add_webp_sources(&mut json);
     Ok(Loaded { json, buffers, images, decoded: has_meshopt || has_draco || has_basisu })
 }
 
