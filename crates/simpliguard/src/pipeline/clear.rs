@@ -17,6 +17,8 @@ pub(super) struct ClearLayers<'a> {
     /// The budgets of whole levels, ascending.
     budgets: Vec<u32>,
     layers: Vec<ClearLayer<'a>>,
+    /// There is no solid layer.
+    pub(super) is_alone: bool,
 }
 
 /// One clear layer of all levels.
@@ -39,7 +41,8 @@ pub(super) fn index_layers<'l>(
 }
 
 impl<'a> ClearLayers<'a> {
-    /// Collapses the clear layers to their shares of the budgets; to all of it if there is no solid layer.
+    /// Collapses the clear layers to their shares of the budgets; to all of it if there is no solid layer. If a budget cannot
+    /// be met then, there are no clear layers: the source is made as a solid one.
     pub(super) fn find(
         indices: &'a [SourceIndex<'a>],
         solid: (&SourceIndex<'_>, bool),
@@ -50,7 +53,15 @@ impl<'a> ClearLayers<'a> {
         let budgets = targets.budgets();
         let layer = |index| ClearLayer::new(index, solid, params, &budgets, run);
         let layers = run.run(StageId::Simplify, || indices.iter().map(layer).collect::<Result<Vec<_>, Error>>())??;
-        Ok(Self { budgets, layers })
+        Ok(Self::checked(budgets, layers, solid.1))
+    }
+
+    fn checked(budgets: Vec<u32>, layers: Vec<ClearLayer<'a>>, has_solid: bool) -> Self {
+        let fits = |level: usize| layers.iter().any(|layer| layer.shapes[level].is_some());
+        if !has_solid && (0..budgets.len()).all(fits) {
+            return Self { budgets, layers, is_alone: true };
+        }
+        Self { budgets, layers: if has_solid { layers } else { Vec::new() }, is_alone: false }
     }
 
     /// The budgets that are left for the solid layer.

@@ -63,9 +63,9 @@ pub fn bake(source: &Source<'_>, settings: &BakeSettings, context: &Context<'_>)
     let mut views = Views::render(&index, &params, &run)?;
     let content = run.key(|| store::content_key(source, &model));
     // Reconstruct and simplify.
-    let shapes = match layers.has_solid {
-        true => shapes::find(&prepared, &mut views, &params, (&targets, clear.solid_budgets(), content), &run)?,
-        false => Shapes::empty(&prepared, &clear, &targets),
+    let shapes = match clear.is_alone {
+        false => shapes::find(&prepared, &mut views, &params, (&targets, clear.solid_budgets(), content), &run)?,
+        true => Shapes::empty(&prepared, &clear, &targets),
     };
     let shapes = LayerShapes { solid: &shapes, clear: &clear };
     preview::show(&prepared, &views, &params, shapes, &run)?;
