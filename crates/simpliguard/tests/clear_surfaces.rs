@@ -114,7 +114,7 @@ fn a_ball_under_a_dome_of_glass_is_seen_through_it() {
     let clear = &report.clear[0];
     assert!((clear.alpha - 0.3).abs() < 0.01 && clear.faces >= 60 && !clear.transmits, "{clear:?}");
     let error = error(baked.model.as_ref().expect("a model"), level);
-    assert!(error < 2e-3, "{error}");
+    assert!(error < 5e-3, "{error}");
 }
 
 #[test]
@@ -127,7 +127,7 @@ fn both_walls_of_a_bowl_are_kept() {
         level.mesh.positions.iter().map(|p| p.length()).partition(|radius| *radius < 0.92);
     assert!(inner.len() > 40 && outer.len() > 40, "{} {}", inner.len(), outer.len());
     let error = error(baked.model.as_ref().expect("a model"), level);
-    assert!(error < 2e-3, "{error}");
+    assert!(error < 5e-3, "{error}");
 }
 
 #[test]

@@ -97,7 +97,8 @@ impl<'a> ClearLayer<'a> {
         let model = index.model;
         let source = PreparedSource { joint_planes: Vec::new(), ..PreparedSource::new(index, params, run)? };
         let sphere = solid.sphere.with(&index.sphere);
-        let pixels = ClearPixels::count(model, (solid.model, &solid.opaque), &sphere, run.cancellation());
+        let occluder = has_solid.then_some((solid.model, &solid.opaque));
+        let pixels = ClearPixels::count(model, occluder, &sphere, run.cancellation());
         let shares = budgets.iter().map(|&budget| if has_solid { pixels.share(budget) } else { budget }).collect();
         let shapes = collapse(&source, shares, &pixels, (params, run));
         let is_blended = model.surface.material.first().is_some_and(|&m| is_blended(model, m));

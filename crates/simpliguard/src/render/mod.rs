@@ -19,7 +19,7 @@ mod view_renderer;
 pub use camera::{Camera, viewpoints};
 pub use dilate::{dilate, fill_unknown};
 pub use image::Image;
-pub use opacity::{Opacity, alpha_range};
+pub use opacity::{Opacity, alpha_range, shown_fraction};
 pub use raster::{EMPTY_PIXEL, Raster, Rect};
 pub use renderer::Renderer;
 pub use shader::Light;

@@ -3,7 +3,7 @@
 use glam::Vec3;
 
 use super::surface_sampler::{Footprint, SurfaceSampler};
-use crate::data::area_vector;
+use crate::data::{AlphaMode, area_vector};
 
 /// Alpha up to which a point counts as clear, and from which on it counts as opaque.
 const CLEAR: f32 = 0.1;
@@ -89,14 +89,27 @@ impl Histogram {
 pub fn alpha_range(sampler: &SurfaceSampler<'_>, t: u32) -> [f32; 3] {
     let footprint = Footprint::new(1.0, (GRID * GRID) as f32);
     let (mut low, mut sum, mut high, mut count) = (f32::MAX, 0.0, 0.0f32, 0.0);
-    for i in 0..GRID {
-        for j in 0..GRID - i {
-            let [u, v] = [i, j].map(|k| (k as f32 + 1.0 / 3.0) / GRID as f32);
-            let alpha = sampler.color(t as usize, Vec3::new(1.0 - u - v, u, v), footprint).w;
-            (low, sum, high, count) = (low.min(alpha), sum + alpha, high.max(alpha), count + 1.0);
-        }
+    for b in grid() {
+        let alpha = sampler.color(t as usize, b, footprint).w;
+        (low, sum, high, count) = (low.min(alpha), sum + alpha, high.max(alpha), count + 1.0);
     }
     [low, sum / count, high]
+}
+
+/// The fraction of a triangle that is not cut out, 0 to 1.
+pub fn shown_fraction(sampler: &SurfaceSampler<'_>, t: u32) -> f32 {
+    let AlphaMode::Mask { cutoff } = sampler.material(t as usize).alpha_mode else { return 1.0 };
+    let is_shown = |b: &Vec3| sampler.color(t as usize, *b, Footprint::new(0.0, 1.0)).w >= cutoff;
+    grid().filter(is_shown).count() as f32 / grid().count() as f32
+}
+
+/// Points that are spread evenly over a triangle, in barycentric coordinates.
+fn grid() -> impl Iterator<Item = Vec3> {
+    let point = |(i, j): (u32, u32)| {
+        let [u, v] = [i, j].map(|k| (k as f32 + 1.0 / 3.0) / GRID as f32);
+        Vec3::new(1.0 - u - v, u, v)
+    };
+    (0..GRID).flat_map(|i| (0..GRID - i).map(move |j| (i, j))).map(point)
 }
 
 fn corners(sampler: &SurfaceSampler<'_>, t: u32) -> [Vec3; 3] {
@@ -169,6 +182,16 @@ mod tests {
         surface.material = vec![0; 30_000];
         let all: Vec<u32> = (0..30_000).collect();
         assert_eq!(Opacity::of(&SurfaceSampler::new(&model), &all), Opacity::CutOut);
+    }
+
+    #[test]
+    fn a_cut_out_shows_a_part_of_its_triangles() {
+        let mut model = square(&|x| if x < 32 { 0 } else { 255 });
+        let fractions = |model: &Model| [0, 1].map(|t| shown_fraction(&SurfaceSampler::new(model), t));
+        assert_eq!(fractions(&model), [1.0; 2]);
+        model.materials[0].alpha_mode = AlphaMode::Mask { cutoff: 0.5 };
+        let [first, second] = fractions(&model);
+        assert!((first - 0.75).abs() < 0.1 && (second - 0.25).abs() < 0.1, "{first} {second}");
     }
 
     #[test]

@@ -10,7 +10,7 @@ use super::inputs::Inputs;
 use super::opaque::OpaqueSurface;
 use super::params::SimplifyParams;
 use super::simplify_input::{DIRECTIONS, SimplifyInput};
-use super::{COINCIDENT_OFFSET, visibility, weld};
+use super::{visibility, weld};
 use crate::Cancellation;
 use crate::data::{Candidate, Model, TriMesh};
 use crate::geometry::{BoundingSphere, face_components, group_by_component};
@@ -34,21 +34,24 @@ pub struct ClearPixels {
 }
 
 impl ClearPixels {
-    /// Counts the pixels of `clear`, a model of clear surfaces, in front of the surface `solid` of the model
-    /// `solid_model`.
+    /// Counts the pixels of `clear`, a model of clear surfaces, in front of the solid surface of a model, if there is
+    /// one.
     pub fn count(
         clear: &Model,
-        (solid_model, solid): (&Model, &OpaqueSurface),
+        solid: Option<(&Model, &OpaqueSurface)>,
         sphere: &BoundingSphere,
         cancellation: &Cancellation,
     ) -> Self {
         let clear_mesh =
             TriMesh { positions: clear.surface.positions.clone(), triangles: clear.surface.triangles.clone() };
         let is_double_sided = |t: usize| clear.material_of(t as u32).double_sided;
-        let is_solid_double_sided = |t: usize| solid_model.material_of(solid.source[t]).double_sided;
+        let nothing = TriMesh::default();
+        let solid_mesh = solid.map_or(&nothing, |(_, solid)| &solid.mesh);
+        let is_solid_double_sided =
+            |t: usize| solid.is_some_and(|(model, solid)| model.material_of(solid.source[t]).double_sided);
         let (of_triangles, solid) = visibility::clear_pixels(
             (&clear_mesh, &is_double_sided),
-            (&solid.mesh, &is_solid_double_sided),
+            (solid_mesh, &is_solid_double_sided),
             (sphere, DIRECTIONS),
             cancellation,
         );
@@ -85,7 +88,7 @@ pub fn simplify_clear(inputs: &Inputs<'_>, params: &SimplifyParams, pixels: &Cle
         let rounds = shapes.iter().skip(i).step_by(params.budgets.len());
         let shape = rounds.into_iter().find(|s| (1..=budget as usize).contains(&s.mesh.triangles.len()))?;
         let mut mesh = inside_out(&shape.mesh, inputs.sphere.centre);
-        weld::move_coincident_apart(&mut mesh, COINCIDENT_OFFSET * inputs.sphere.radius);
+        weld::move_coincident_apart(&mut mesh, weld::COINCIDENT_OFFSET * inputs.sphere.radius);
         Some(ClearShape { mesh, double_sided })
     };
     params.budgets.iter().enumerate().map(best).collect()

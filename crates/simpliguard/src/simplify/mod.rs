@@ -48,9 +48,6 @@ pub use opaque::OpaqueSurface;
 pub use params::{CandidateParams, CollapseParams, SimplifyParams};
 pub use shape::{Shape, Shortfall};
 
-/// Distance by which coincident vertices are moved apart, as a fraction of the radius of the bounding sphere.
-const COINCIDENT_OFFSET: f32 = 2e-5;
-
 /// Finds the best shape for each budget, in the order of the budgets.
 ///
 /// # Errors
@@ -63,7 +60,7 @@ pub fn simplify(inputs: &Inputs<'_>, params: &SimplifyParams, generate: Generate
     };
     inputs.cancellation.check(&inputs.model.name)?;
     for shape in &mut shapes {
-        weld::move_coincident_apart(&mut shape.mesh, COINCIDENT_OFFSET * inputs.sphere.radius);
+        weld::move_coincident_apart(&mut shape.mesh, weld::COINCIDENT_OFFSET * inputs.sphere.radius);
     }
     Ok(shapes)
 }

@@ -7,6 +7,9 @@ use glam::Vec3;
 use crate::data::{TriMesh, bounds};
 use crate::geometry::{DisjointSets, Topology, first_equal, position_bits, sorted_half_edges};
 
+/// Distance by which coincident vertices are moved apart, as a fraction of the radius of the bounding sphere.
+pub(super) const COINCIDENT_OFFSET: f32 = 2e-5;
+
 /// Size of the cells in which positions are merged, as a fraction of the longest side of the bounding box.
 const WELD: f32 = 1e-6;
 /// Most rounds of cutting. Each round removes at least the non-manifold edges that it finds.

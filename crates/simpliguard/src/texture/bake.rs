@@ -50,7 +50,7 @@ impl Baker<'_> {
     pub fn bake(&self, target: &BakeTarget<'_>, cancellation: &Cancellation) -> Vec<Option<SurfaceSample>> {
         let mut samples = self.sample_texels(target, cancellation);
         if let Some(cards) = target.cards {
-            keep_coverage(&mut samples, target.texels, &self.sampler.model().surface, target.mesh, cards);
+            keep_coverage(&mut samples, target.texels, self.sampler, target.mesh, cards);
         }
         samples
     }

@@ -1,28 +1,33 @@
 //! Keeps a crown as dense as its source. Leaves lie on their card at an angle and overlap, so that the card shows a smaller
 //! area of them than there is.
 
+use glam::Vec3;
+use rayon::prelude::*;
+
 use super::texel_map::TexelMap;
-use crate::data::{Cards, NO_CARD, Surface, TriMesh, area_vector};
-use crate::render::SurfaceSample;
+use crate::data::{Cards, NO_CARD, TriMesh, area_vector};
+use crate::render::{SurfaceSample, SurfaceSampler, shown_fraction};
 
 /// Most rings of texels that leaves grow by.
 const RINGS: usize = 3;
 /// Alpha from which on a texel counts as leaf.
 const OPAQUE: f32 = 0.5;
 
-/// Grows the leaves of each card of `level`, ring by ring, while their area stays below that of the leaves of `source`.
+/// Grows the leaves of each card of `level`, ring by ring, while their area stays below that of the leaves of the source,
+/// without what is cut out of these.
 pub(super) fn keep_coverage(
     samples: &mut [Option<SurfaceSample>],
     map: &TexelMap,
-    source: &Surface,
+    source: &SurfaceSampler<'_>,
     level: &TriMesh,
     cards: &Cards,
 ) {
     let TexelMap { size, texels } = map;
     let card = |i: usize| texels[i].map_or(NO_CARD, |t| cards.group[t.triangle as usize]);
     let card_texels = (0..texels.len()).filter(|&i| card(i) != NO_CARD).count();
-    let leaf_area = area_of_groups(&cards.source_group, |t| source.triangles[t].map(|v| source.positions[v as usize]));
-    let card_area = area_of_groups(&cards.group, |t| level.corners(t)).max(f64::MIN_POSITIVE);
+    let leaf_area = leaf_area(source, cards);
+    let card_faces = (0..level.triangles.len()).filter(|&t| cards.group[t] != NO_CARD);
+    let card_area = card_faces.map(|t| area(level.corners(t))).sum::<f64>().max(f64::MIN_POSITIVE);
     let desired = leaf_area / card_area * card_texels as f64;
     for _ in 0..RINGS {
         let is_leaf = |i: usize| samples[i].is_some_and(|s| s.color.w >= OPAQUE);
@@ -45,17 +50,25 @@ pub(super) fn keep_coverage(
     }
 }
 
-/// Area of all triangles that belong to a card, given the group and the corners of each.
-fn area_of_groups(groups: &[u32], corners: impl Fn(usize) -> [glam::Vec3; 3]) -> f64 {
-    let on_cards = groups.iter().enumerate().filter(|(_, group)| **group != NO_CARD);
-    on_cards.map(|(t, _)| 0.5 * f64::from(area_vector(corners(t)).length())).sum()
+/// Area that the leaves of the source show.
+fn leaf_area(source: &SurfaceSampler<'_>, cards: &Cards) -> f64 {
+    let surface = &source.model().surface;
+    let corners = |t: usize| surface.triangles[t].map(|v| surface.positions[v as usize]);
+    let leaves: Vec<usize> = (0..surface.triangles.len()).filter(|&t| cards.source_group[t] != NO_CARD).collect();
+    let shown = |&t: &usize| area(corners(t)) * f64::from(shown_fraction(source, t as u32));
+    leaves.par_iter().map(shown).collect::<Vec<f64>>().iter().sum()
+}
+
+fn area(corners: [Vec3; 3]) -> f64 {
+    0.5 * f64::from(area_vector(corners).length())
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::data::{Material, Model, Surface};
     use crate::texture::Texel;
-    use glam::{Vec3, Vec4};
+    use glam::Vec4;
 
     #[test]
     fn a_leaf_grows_to_the_area_of_its_source() {
@@ -81,8 +94,9 @@ mod tests {
             let mut samples = vec![Some(sample(0.0)); 81];
             samples[40] = Some(sample(1.0));
             let TriMesh { positions, triangles } = square((part / 81.0).sqrt());
-            let source = Surface { positions, triangles, ..Surface::default() };
-            keep_coverage(&mut samples, &map, &source, &square(1.0), &cards);
+            let surface = Surface { positions, triangles, material: vec![0; 2], ..Surface::default() };
+            let source = Model { surface, materials: vec![Material::default()], ..Model::empty("leaf") };
+            keep_coverage(&mut samples, &map, &SurfaceSampler::new(&source), &square(1.0), &cards);
             let leaves = samples.iter().flatten().filter(|s| s.color.w > 0.5).count();
             assert_eq!(leaves, expected);
         }

@@ -6,7 +6,9 @@ use std::f32::consts::{PI, TAU};
 use glam::{Vec2, Vec3};
 use image::{Rgba, RgbaImage};
 use serde_json::json;
-use simpliguard::data::{AlphaMode, Document, Level, LevelMaterial, LevelMesh, LevelTextures, Model, TriMesh};
+use simpliguard::data::{
+    AlphaMode, Document, Level, LevelLayer, LevelMaterial, LevelMesh, LevelTextures, Model, TriMesh,
+};
 use simpliguard::gltf::export_level;
 use simpliguard::settings::TextureFormat;
 
@@ -22,6 +24,7 @@ pub(crate) fn glb(faces: usize) -> Result<Vec<u8>, Box<dyn Error>> {
         metallic: 0.0,
         roughness: 0.8,
         emissive: Vec3::ZERO,
+        transmission: None,
     };
     let textures = LevelTextures {
         base_color: RgbaImage::from_fn(TEXTURE, TEXTURE, |x, y| {
@@ -36,7 +39,9 @@ pub(crate) fn glb(faces: usize) -> Result<Vec<u8>, Box<dyn Error>> {
         emissive: None,
         format: TextureFormat::Png,
     };
-    let level = Level { budget: faces as u32, error: 0.0, mesh: mesh(faces), own_joints: false, material, textures };
+    let mesh = mesh(faces);
+    let layers = vec![LevelLayer { triangles: mesh.triangles.len(), material }];
+    let level = Level { budget: mesh.triangles.len() as u32, error: 0.0, mesh, own_joints: false, layers, textures };
     let document = Document { json: json!({ "asset": { "version": "2.0" } }), ..Document::default() };
     Ok(export_level(&Model { document, ..Model::empty("sphere") }, &level)?)
 }

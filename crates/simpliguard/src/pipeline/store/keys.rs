@@ -277,7 +277,7 @@ mod tests {
         ];
         assert_eq!(
             (PIPELINE_VERSION, keys.map(|key| key.hex()[..16].to_owned())),
-            ("9", ["eae5e55906c6519b", "65214185174687b7"].map(str::to_owned))
+            ("10", ["c2a9cab4fc24dff4", "b788d334dbe19baa"].map(str::to_owned))
         );
     }
 }
