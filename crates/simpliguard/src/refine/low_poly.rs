@@ -20,7 +20,7 @@ pub struct TexelGrid {
     pub texels: Vec<Vec4>,
     /// Texels that some triangle covers.
     pub covered: Vec<bool>,
-    /// Alpha of each texel, 0 to 1; below [`CUTOFF`] nothing is drawn. Empty if everything is.
+    /// Alpha of each texel, 0 to 1; below 0.5 nothing is drawn. Empty if everything is.
     pub opacity: Vec<f32>,
 }
 
