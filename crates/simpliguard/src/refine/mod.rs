@@ -85,14 +85,20 @@ pub fn fit_texture(
     fit_texture_to(&TrainValidationSplit::new(views, cancellation), low, fit)
 }
 
+/// Least gain of a fitted texture of a cut-out, in dB. The leaves that a view shows beside those of the level blur it, and
+/// a smaller gain is lost under other filters.
+const CUT_OUT_GAIN: f32 = 0.25;
+
 fn fit_texture_to(split: &TrainValidationSplit<'_>, low: &mut LowPoly, fit: Option<&TextureFit>) -> Refined {
     let psnr_initial = split.score(low);
     let Some(fit) = fit else { return Refined { psnr_initial, psnr_texture: psnr_initial, psnr: psnr_initial } };
     let initial = low.texture.texels.clone();
     split.fit_texture(low, Some(fit));
     let psnr_texture = split.score(low);
-    if psnr_texture < psnr_initial {
+    let least_gain = if low.texture.opacity.is_empty() { 0.0 } else { CUT_OUT_GAIN };
+    if psnr_texture < psnr_initial + least_gain {
         low.texture.texels = initial;
     }
-    Refined { psnr_initial, psnr_texture, psnr: psnr_texture.max(psnr_initial) }
+    let psnr = if psnr_texture < psnr_initial + least_gain { psnr_initial } else { psnr_texture };
+    Refined { psnr_initial, psnr_texture, psnr }
 }

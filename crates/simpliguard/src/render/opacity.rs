@@ -7,7 +7,7 @@ use crate::data::{AlphaMode, area_vector};
 
 /// Alpha up to which a point counts as clear, and from which on it counts as opaque.
 const CLEAR: f32 = 0.1;
-const OPAQUE: f32 = 0.9;
+const OPAQUE: f32 = 0.95;
 /// Bins for the alpha between.
 const BINS: usize = 8;
 /// Fraction of a blended surface that must be opaque, for the whole to be drawn without blending.
@@ -166,6 +166,7 @@ mod tests {
     #[test]
     fn alpha_between_is_clear() {
         assert_eq!(opacity(|_| 80), Opacity::Clear);
+        assert_eq!(opacity(|_| 230), Opacity::Clear);
         assert_eq!(opacity(|x| if x < 10 { 255 } else { 80 }), Opacity::Clear);
         // A shadow, which fades out.
         assert_eq!(opacity(|x| (x * 2) as u8), Opacity::Clear);

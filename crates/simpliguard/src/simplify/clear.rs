@@ -3,8 +3,6 @@
 //! Nothing hides behind them, and they hide nothing of each other. So they are collapsed on their own, with all their
 //! walls, and get a share of the budget by what they show in front of the solid surface.
 
-use glam::Vec3;
-
 use super::budgets::simplify_to_budgets;
 use super::inputs::Inputs;
 use super::opaque::OpaqueSurface;
@@ -13,7 +11,7 @@ use super::simplify_input::{DIRECTIONS, SimplifyInput};
 use super::{visibility, weld};
 use crate::Cancellation;
 use crate::data::{Candidate, Model, TriMesh};
-use crate::geometry::{BoundingSphere, face_components, group_by_component};
+use crate::geometry::{BoundingSphere, Bvh, face_components, group_by_component};
 
 /// Faces of a clear surface for one face of a solid one that shows as many pixels: less of its shape is seen.
 const WORTH: f64 = 0.5;
@@ -70,7 +68,7 @@ impl ClearPixels {
 /// Collapses a clear surface to each of the budgets, in their order. `None` where no collapse meets a budget, and if
 /// nothing of the surface is ever seen.
 ///
-/// The triangles are ordered from the inside out: drawn one after the other, what lies behind is there first.
+/// The components keep the order of the source: a viewer that does not sort blends them as it does those.
 pub fn simplify_clear(inputs: &Inputs<'_>, params: &SimplifyParams, pixels: &ClearPixels) -> Vec<Option<ClearShape>> {
     let (mesh, welded_from) = weld::weld(&inputs.opaque.mesh.positions, &inputs.opaque.mesh.triangles);
     let source: Vec<u32> = welded_from.iter().map(|&t| inputs.opaque.source[t as usize]).collect();
@@ -87,7 +85,7 @@ pub fn simplify_clear(inputs: &Inputs<'_>, params: &SimplifyParams, pixels: &Cle
     let best = |(i, &budget): (usize, &u32)| {
         let rounds = shapes.iter().skip(i).step_by(params.budgets.len());
         let shape = rounds.into_iter().find(|s| (1..=budget as usize).contains(&s.mesh.triangles.len()))?;
-        let mut mesh = inside_out(&shape.mesh, inputs.sphere.centre);
+        let mut mesh = in_source_order(&shape.mesh, inputs.bvh);
         weld::move_coincident_apart(&mut mesh, weld::COINCIDENT_OFFSET * inputs.sphere.radius);
         Some(ClearShape { mesh, double_sided })
     };
@@ -113,14 +111,15 @@ fn most_are_double_sided(model: &Model, source: &[u32], pixels: &[u32]) -> bool 
     2 * double > all
 }
 
-/// The mesh with its components by their mean distance from `centre`.
-fn inside_out(mesh: &TriMesh, centre: Vec3) -> TriMesh {
-    let distance = |component: &Vec<u32>| {
-        let corners = component.iter().flat_map(|&t| mesh.corners(t as usize));
-        corners.map(|p| p.distance(centre)).sum::<f32>() / component.len().max(1) as f32
+/// The mesh with its components in the order of the source's triangles that they come from.
+fn in_source_order(mesh: &TriMesh, bvh: &Bvh) -> TriMesh {
+    let place = |t: u32| {
+        let [a, b, c] = mesh.corners(t as usize);
+        bvh.closest((a + b + c) / 3.0, f32::INFINITY).map_or(0.0, |hit| f64::from(hit.triangle))
     };
+    let mean = |component: &[u32]| component.iter().map(|&t| place(t)).sum::<f64>() / component.len().max(1) as f64;
     let components = group_by_component(&face_components(mesh.positions.len(), &mesh.triangles));
-    let mut components: Vec<(f32, Vec<u32>)> = components.into_iter().map(|c| (distance(&c), c)).collect();
+    let mut components: Vec<(f64, Vec<u32>)> = components.into_iter().map(|c| (mean(&c), c)).collect();
     components.sort_by(|a, b| a.0.total_cmp(&b.0));
     let triangles = components.iter().flat_map(|(_, c)| c).map(|&t| mesh.triangles[t as usize]).collect();
     TriMesh { positions: mesh.positions.clone(), triangles }
@@ -132,10 +131,11 @@ mod tests {
     use crate::simplify::visibility::tests::nested;
 
     #[test]
-    fn inner_shells_come_first() {
-        let mut mesh = nested();
+    fn components_keep_the_order_of_the_source() {
+        let source = nested();
+        let mut mesh = source.clone();
         mesh.triangles.reverse();
-        let ordered = inside_out(&mesh, Vec3::ZERO);
+        let ordered = in_source_order(&mesh, &Bvh::new(&source.positions, &source.triangles));
         assert!(ordered.triangles[..4].iter().flatten().all(|&v| v < 4), "{:?}", ordered.triangles);
         assert_eq!(ordered.triangles.len(), 8);
     }
