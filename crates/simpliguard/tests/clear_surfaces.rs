@@ -112,9 +112,9 @@ fn a_ball_under_a_dome_of_glass_is_seen_through_it() {
     assert_eq!(alphas(level), [AlphaMode::Opaque, AlphaMode::Blend]);
     assert!(report.faces > 500 && report.faces <= 600, "{}", report.faces);
     let clear = &report.clear[0];
-    assert!((clear.alpha - 0.3).abs() < 0.01 && clear.faces >= 60 && !clear.transmits, "{clear:?}");
+    assert!((clear.alpha - 0.3).abs() < 0.01 && clear.faces >= 40 && !clear.transmits, "{clear:?}");
     let error = error(baked.model.as_ref().expect("a model"), level);
-    assert!(error < 5e-3, "{error}");
+    assert!(error < 8e-3, "{error}");
 }
 
 #[test]

@@ -14,7 +14,7 @@ use crate::data::{Candidate, Model, TriMesh};
 use crate::geometry::{BoundingSphere, Bvh, face_components, group_by_component};
 
 /// Faces of a clear surface for one face of a solid one that shows as many pixels: less of its shape is seen.
-const WORTH: f64 = 0.5;
+const WORTH: f64 = 0.2;
 /// Fewest faces of a clear surface.
 const FEWEST: u32 = 8;
 /// Largest fraction of a budget for all clear surfaces together, where there is a solid one.
@@ -143,9 +143,9 @@ mod tests {
     #[test]
     fn a_share_follows_the_pixels_within_its_bounds() {
         let pixels = |clear: u32, solid| ClearPixels { of_triangles: vec![clear; 1000], solid };
-        assert_eq!(pixels(1, 3000).share(1000), 125);
+        assert_eq!(pixels(1, 3000).share(1000), 50);
         assert_eq!(pixels(1, 1_000_000).share(1000), FEWEST);
-        assert_eq!(pixels(1, 0).share(4000), 1000);
+        assert_eq!(pixels(1, 0).share(4000), 800);
         assert_eq!(pixels(1, 1_000_000).share(10), 5);
     }
 }
