@@ -6,7 +6,7 @@ use super::runner::Runner;
 use super::source::{PreparedSource, SourceIndex, StageTools};
 use super::targets::Targets;
 use crate::data::{AlphaMode, Material, Model, Transmission, area_vector};
-use crate::simplify::{self, ClearPixels, ClearShape, Inputs, SimplifyParams};
+use crate::simplify::{self, ClearPixels, ClearShape, SimplifyParams};
 use crate::{Error, Source, StageId};
 
 /// Fewest faces of a solid layer.
@@ -119,22 +119,9 @@ fn collapse(
     pixels: &ClearPixels,
     (params, run): (&Params, &Runner<'_>),
 ) -> Vec<Option<ClearShape>> {
-    let index = source.index;
-    let inputs = Inputs {
-        model: index.model,
-        bvh: &index.bvh,
-        components: source.skin_source.components(),
-        opaque: &index.opaque,
-        deviation_metric: &source.deviation_metric,
-        sphere: index.sphere,
-        views: &[],
-        poses: index.poses.as_ref(),
-        importance: source.importance.as_ref(),
-        tools: &StageTools { source, run },
-        cancellation: run.cancellation(),
-    };
+    let tools = StageTools { source, run };
     let params = SimplifyParams { budgets, candidates: params.candidates, collapse: params.collapse };
-    simplify::simplify_clear(&inputs, &params, pixels)
+    simplify::simplify_clear(&tools.inputs(&[]), &params, pixels)
 }
 
 fn is_blended(model: &Model, material: u32) -> bool {

@@ -11,7 +11,7 @@ use super::views::Views;
 use crate::data::{Candidate, Deviation};
 use crate::geometry::Topology;
 use crate::render::View;
-use crate::simplify::{self, Inputs, Shape, SimplifyParams};
+use crate::simplify::{self, Shape, SimplifyParams};
 use crate::{Error, Key, StageId};
 
 /// The shapes of the levels' solid layers.
@@ -102,20 +102,8 @@ impl ShapeFinder<'_> {
     /// The best shape for each budget.
     fn find(&self) -> Result<Vec<Shape>, Error> {
         let Self { source, views, params, run, .. } = *self;
-        let index = source.index;
-        let inputs = Inputs {
-            model: index.model,
-            bvh: &index.bvh,
-            components: source.skin_source.components(),
-            opaque: &index.opaque,
-            deviation_metric: &source.deviation_metric,
-            sphere: index.sphere,
-            views,
-            poses: index.poses.as_ref(),
-            importance: source.importance.as_ref(),
-            tools: &StageTools { source, run },
-            cancellation: run.cancellation(),
-        };
+        let tools = StageTools { source, run };
+        let inputs = tools.inputs(views);
         let generate = |candidate| {
             run.get_or_put(self.candidate_key(candidate), || Ok(simplify::generate(&inputs, params, candidate)))
         };

@@ -6,9 +6,9 @@ use crate::animation::Poses;
 use crate::data::{Influences, Model, Reconstruction, TriMesh};
 use crate::geometry::{BoundingSphere, Bvh};
 use crate::reconstruct::reconstruct;
-use crate::render::{SurfaceSampler, ViewParams, ViewRenderer};
+use crate::render::{SurfaceSampler, View, ViewParams, ViewRenderer};
 use crate::settings::JointSplitting;
-use crate::simplify::{DeviationMetric, Importance, OpaqueSurface, Tools};
+use crate::simplify::{DeviationMetric, Importance, Inputs, OpaqueSurface, Tools};
 use crate::skinning::{self, JointPlane, SkinSource, Transfer};
 use crate::{Cancellation, Error, Source, StageId, content_hash};
 
@@ -90,6 +90,27 @@ fn joint_planes(model: &Model, params: &JointPlaneParams) -> Vec<JointPlane> {
 pub(crate) struct StageTools<'a> {
     pub(crate) source: &'a PreparedSource<'a>,
     pub(crate) run: &'a Runner<'a>,
+}
+
+impl<'a> StageTools<'a> {
+    /// The inputs of `simplify`, with these tools and `views` of the source.
+    pub(crate) fn inputs(&'a self, views: &'a [View]) -> Inputs<'a> {
+        let Self { source, run } = self;
+        let index = source.index;
+        Inputs {
+            model: index.model,
+            bvh: &index.bvh,
+            components: source.skin_source.components(),
+            opaque: &index.opaque,
+            deviation_metric: &source.deviation_metric,
+            sphere: index.sphere,
+            views,
+            poses: index.poses.as_ref(),
+            importance: source.importance.as_ref(),
+            tools: self,
+            cancellation: run.cancellation(),
+        }
+    }
 }
 
 impl Tools for StageTools<'_> {

@@ -98,7 +98,7 @@ fn fit_texture_to(split: &TrainValidationSplit<'_>, low: &mut LowPoly, fit: Opti
     let least_gain = if low.texture.opacity.is_empty() { 0.0 } else { CUT_OUT_GAIN };
     if psnr_texture < psnr_initial + least_gain {
         low.texture.texels = initial;
+        return Refined { psnr_initial, psnr_texture, psnr: psnr_initial };
     }
-    let psnr = if psnr_texture < psnr_initial + least_gain { psnr_initial } else { psnr_texture };
-    Refined { psnr_initial, psnr_texture, psnr }
+    Refined { psnr_initial, psnr_texture, psnr: psnr_texture }
 }
