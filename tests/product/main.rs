@@ -1,5 +1,6 @@
 //! Tests of the product as a whole: what the repository ships besides code agrees with the code.
 
+mod appearance;
 mod assets;
 mod bake;
 mod bevy_cli;
@@ -7,4 +8,5 @@ mod crowd;
 mod docs;
 mod plugin;
 mod pops;
+mod scene;
 mod tree;

@@ -1,29 +1,18 @@
 //! What a change of level does to the picture: a camera comes closer to a model that shows all its levels in turn, and no
 //! frame may differ from the one before by much more than its neighbours do.
 
-use std::path::Path;
-use std::time::Duration;
-
-use bevy::asset::io::memory::{Dir, MemoryAssetReader};
-use bevy::asset::io::{AssetSourceBuilder, AssetSourceId};
-use bevy::camera::RenderTarget;
 use bevy::core_pipeline::core_3d::Opaque3d;
 use bevy::prelude::*;
 use bevy::render::RenderApp;
-use bevy::render::pipelined_rendering::PipelinedRenderingPlugin;
 use bevy::render::render_phase::{BinnedRenderPhase, ViewBinnedRenderPhases};
-use bevy::render::render_resource::TextureFormat;
-use bevy::render::view::screenshot::{Screenshot, ScreenshotCaptured};
-use bevy::window::ExitCondition;
-use bevy::winit::WinitPlugin;
-use bevy_simpliguard::lod::{LodPlugin, LodSettings, LodStats, SimpliguardLods};
-use simpliguard::settings::{BakeSettings, Quality};
-use simpliguard::{Context, NoResources, Source, bake};
+use bevy_simpliguard::lod::{LodPlugin, LodSettings, LodStats};
 
-/// Frames of the camera's move.
-const FRAMES: usize = 200;
+use crate::scene::{Scene, octopus};
+
 /// Side of the picture in pixels.
 const SIDE: u32 = 360;
+/// Frames of the camera's move.
+const FRAMES: usize = 200;
 /// Distances of the camera from the octopus at the first and last frame: its diagonal of 1.1 m is 130 and 1,200 pixels long.
 const WAY: (f32, f32) = (4.0, 0.92);
 /// The same where it is 40 pixels long, and hardly grows.
@@ -37,7 +26,7 @@ const NEIGHBOURS: usize = 5;
 #[ignore = "draws 600 pictures: needs a Vulkan driver, and minutes where that is software"]
 #[expect(clippy::print_stdout, reason = "the figures")]
 fn levels_do_not_pop() {
-    let mut scene = Scene::new(octopus(), LodPlugin::default(), true);
+    let mut scene = Scene::new(octopus().glb, LodPlugin::default(), SIDE, true);
     let (with, levels) = scene.approach(WAY, |_| LodSettings::default());
     let (without, _) = scene.approach(WAY, |_| LodSettings { enabled: false, ..default() });
     // From the smallest level to the source at once, as nobody should.
@@ -57,9 +46,9 @@ fn levels_do_not_pop() {
 #[ignore = "needs a Vulkan driver"]
 #[expect(clippy::print_stdout, reason = "the figures")]
 fn mipmaps_keep_distant_levels_from_sparkling() {
-    let glb = octopus();
+    let glb = octopus().glb;
     let [with, without] = [true, false].map(|mipmaps| {
-        let mut scene = Scene::new(glb.clone(), LodPlugin { mipmaps, ..default() }, true);
+        let mut scene = Scene::new(glb.clone(), LodPlugin { mipmaps, ..default() }, SIDE, true);
         let (differences, levels) = scene.approach(AFAR, |_| LodSettings::default());
         assert_eq!(levels, [1]);
         differences.iter().sum::<f64>() / differences.len() as f64
@@ -80,7 +69,7 @@ fn a_jump_is_found_where_it_is() {
 #[test]
 #[ignore = "needs a Vulkan driver"]
 fn instances_of_a_level_batch() {
-    let mut scene = Scene::new(octopus(), LodPlugin::default(), false);
+    let mut scene = Scene::new(octopus().glb, LodPlugin::default(), SIDE, false);
     let world = scene.app.world_mut();
     let handle = world.get::<WorldAssetRoot>(scene.model).expect("a model").0.clone();
     for i in 1..20 {
@@ -97,14 +86,6 @@ fn instances_of_a_level_batch() {
     assert_eq!(phases.values().map(draws).collect::<Vec<_>>(), [(1, 0)]);
 }
 
-/// The octopus with its levels.
-fn octopus() -> Vec<u8> {
-    let bytes = std::fs::read(concat!(env!("CARGO_MANIFEST_DIR"), "/assets/octopus.glb")).expect("in the repository");
-    let source = Source { name: "octopus", bytes: &bytes, resources: &NoResources };
-    let settings = BakeSettings { normal_map: false, ..BakeSettings::preset(Quality::Draft) };
-    bake(&source, &settings, &Context::default()).expect("bakes").glb
-}
-
 /// The frame with the largest ratio between its difference and the median of its neighbours', and that ratio.
 fn worst(differences: &[f64]) -> (usize, f64) {
     let ratio = |i: usize| {
@@ -117,57 +98,7 @@ fn worst(differences: &[f64]) -> (usize, f64) {
     ratios.max_by(|a, b| a.1.total_cmp(&b.1)).expect("differences")
 }
 
-/// An app that draws a model into a picture, without a window.
-struct Scene {
-    app: App,
-    target: Handle<Image>,
-    camera: Entity,
-    model: Entity,
-}
-
-#[derive(Resource, Default)]
-struct Captured(Option<Vec<u8>>);
-
 impl Scene {
-    /// Only where it is not pipelined can the renderer's world be looked at.
-    fn new(glb: Vec<u8>, levels: LodPlugin, pipelined: bool) -> Self {
-        let (mut app, dir) = (App::new(), Dir::default());
-        dir.insert_asset(Path::new("model.glb"), glb);
-        app.register_asset_source(
-            AssetSourceId::Default,
-            AssetSourceBuilder::new(move || Box::new(MemoryAssetReader { root: dir.clone() })),
-        );
-        let window = WindowPlugin { primary_window: None, exit_condition: ExitCondition::DontExit, ..default() };
-        let plugins = DefaultPlugins.set(window).disable::<WinitPlugin>();
-        let plugins = if pipelined { plugins } else { plugins.disable::<PipelinedRenderingPlugin>() };
-        app.add_plugins((plugins, levels)).init_resource::<Captured>();
-        app.finish();
-        app.cleanup();
-        let target = Image::new_target_texture(SIDE, SIDE, TextureFormat::Rgba8UnormSrgb, None);
-        let world = app.world_mut();
-        let target = world.resource_mut::<Assets<Image>>().add(target);
-        let camera = world.spawn((Camera3d::default(), RenderTarget::Image(target.clone().into()))).id();
-        world.spawn((DirectionalLight::default(), Transform::from_xyz(3.0, 4.0, 5.0).looking_at(Vec3::ZERO, Vec3::Y)));
-        let scene = world.resource::<AssetServer>().load("model.glb#Scene0");
-        let model = world.spawn((WorldAssetRoot(scene), Transform::from_xyz(0.0, -0.2, 0.0))).id();
-        let mut scene = Self { app, target, camera, model };
-        while scene.lods().is_none_or(|lods| lods.levels.is_empty()) {
-            scene.app.update();
-            std::thread::sleep(Duration::from_millis(5));
-        }
-        // Pipelines are compiled and textures uploaded as they are needed.
-        for level in [0, 1, 2, 3] {
-            scene.app.world_mut().resource_mut::<LodSettings>().force = Some(level);
-            (0..20).for_each(|_| scene.app.update());
-        }
-        scene.app.world_mut().resource_mut::<LodSettings>().force = None;
-        scene
-    }
-
-    fn lods(&self) -> Option<&SimpliguardLods> {
-        self.app.world().get(self.model)
-    }
-
     /// Moves the camera all the way, from one distance to another. Differences between successive frames, and the levels that were seen.
     fn approach(&mut self, way: (f32, f32), settings: impl Fn(usize) -> LodSettings) -> (Vec<f64>, Vec<u32>) {
         let (mut differences, mut levels) = (Vec::new(), Vec::new());
@@ -177,9 +108,8 @@ impl Scene {
             // Each frame brings the model closer by the same factor.
             let distance = way.0 * (way.1 / way.0).powf(t);
             let place = Transform::from_translation(distance * Vec3::new(0.3, 0.35, 0.89).normalize());
-            let world = self.app.world_mut();
-            world.resource_mut::<LodSettings>().set_if_neq(settings(frame));
-            world.entity_mut(self.camera).insert(place.looking_at(Vec3::ZERO, Vec3::Y));
+            self.app.world_mut().resource_mut::<LodSettings>().set_if_neq(settings(frame));
+            self.look_from(place.looking_at(Vec3::ZERO, Vec3::Y));
             let picture = self.picture();
             if let Some(last) = &last {
                 differences.push(difference(last, &picture));
@@ -189,20 +119,6 @@ impl Scene {
         }
         levels.dedup();
         (differences, levels)
-    }
-
-    fn picture(&mut self) -> Vec<u8> {
-        // The screenshot shows the frame that it is asked for in.
-        let world = self.app.world_mut();
-        world.spawn(Screenshot::image(self.target.clone())).observe(
-            |shot: On<ScreenshotCaptured>, mut captured: ResMut<Captured>| captured.0 = shot.image.data.clone(),
-        );
-        loop {
-            self.app.update();
-            if let Some(picture) = self.app.world_mut().resource_mut::<Captured>().0.take() {
-                return picture;
-            }
-        }
     }
 }
 

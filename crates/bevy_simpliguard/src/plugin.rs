@@ -20,13 +20,16 @@ use crate::options::{BakeMode, BakePriority};
 /// ));
 /// ```
 ///
-/// Without the feature `bake` nothing is baked, and only `lods` and `mipmaps` have an effect.
+/// Without the feature `bake` nothing is baked, and only `lods`, `mipmaps` and `anisotropy` have an
+/// effect.
 #[derive(Clone, Debug)]
 pub struct SimpliguardPlugin {
     /// The first value of the resource [`LodSettings`].
     pub lods: LodSettings,
-    /// True if the textures of levels get mipmaps; see [`LodPlugin::mipmaps`]. On by default.
+    /// True if the textures of levels and of their source get mipmaps; see [`LodPlugin::mipmaps`]. On by default.
     pub mipmaps: bool,
+    /// Largest anisotropy of the filter of mipmaps; see [`LodPlugin::anisotropy`].
+    pub anisotropy: u16,
     /// Overrides `plugin.mode` of `config/simpliguard.ron`.
     pub mode: Option<BakeMode>,
     /// A profile of `config/simpliguard.ron`.
@@ -42,8 +45,8 @@ pub struct SimpliguardPlugin {
 
 impl Default for SimpliguardPlugin {
     fn default() -> Self {
-        let LodPlugin { settings: lods, mipmaps } = LodPlugin::default();
-        Self { lods, mipmaps, mode: None, profile: None, cache_dir: None, threads: None, priority: None }
+        let LodPlugin { settings: lods, mipmaps, anisotropy } = LodPlugin::default();
+        Self { lods, mipmaps, anisotropy, mode: None, profile: None, cache_dir: None, threads: None, priority: None }
     }
 }
 
@@ -58,7 +61,8 @@ impl SimpliguardPlugin {
 
 impl Plugin for SimpliguardPlugin {
     fn build(&self, app: &mut App) {
-        app.add_plugins(LodPlugin { settings: self.lods.clone(), mipmaps: self.mipmaps });
+        let Self { mipmaps, anisotropy, .. } = *self;
+        app.add_plugins(LodPlugin { settings: self.lods.clone(), mipmaps, anisotropy });
         #[cfg(feature = "bake")]
         crate::bake::build(&self.bake_options(), app);
     }

@@ -41,7 +41,7 @@ pub(super) struct LoaderDefaults {
 pub(super) struct LodHandler {
     others: Vec<Box<dyn ErasedGltfExtensionHandler>>,
     defaults: LoaderDefaults,
-    /// Makes mipmaps for the textures of levels. `None` if they are switched off.
+    /// Makes mipmaps for textures. `None` if they are switched off.
     mipmaps: Option<Mipmaps>,
     /// The levels of the file that is being loaded, if it has any.
     file: Option<Arc<LodFile>>,
@@ -99,9 +99,8 @@ impl GltfExtensionHandler for LodHandler {
             let bounds = skinned.unwrap_or_else(|| bounds::own(primitive));
             self.bounds = Some(self.bounds.map_or(bounds, |b| b.union(bounds)));
         }
-        let levels = self.file.iter().flat_map(|file| file.levels.iter().filter_map(|level| file.node(level.node)));
-        let is_level = levels.filter_map(|node| node.mesh()).any(|m| m.index() == mesh.index());
-        let images = self.mipmaps.as_mut().filter(|_| is_level).map(|m| m.start(&primitive.material(), buffers));
+        let mipmaps = self.mipmaps.as_mut().filter(|_| self.file.is_some());
+        let images = mipmaps.map(|mipmaps| mipmaps.start(&primitive.material(), buffers));
         async move {
             for (label, image) in images.into_iter().flatten() {
                 if let Some(image) = image.await {

@@ -1,5 +1,6 @@
-//! Mipmaps for the textures of levels. Textures of glTF files have no mipmaps, and Bevy makes none. Without mipmaps, a
-//! distant model sparkles, and levels are seen from a distance.
+//! Mipmaps for the textures of levels and of their source. Textures of glTF files have no mipmaps, and Bevy makes none.
+//! Without mipmaps, a distant model sparkles, and levels are seen from a distance. A source without mipmaps beside a level
+//! that has some would change its look at each switch.
 //!
 //! The mean of 2 x 2 texels becomes one texel of the next mipmap: colours in linear light and weighted by alpha,
 //! normals as vectors. The mipmaps are made while the file is loaded, in parallel to the game. The result replaces the
@@ -19,7 +20,7 @@ use bevy::prelude::*;
 use bevy::tasks::{AsyncComputeTaskPool, Task};
 use gltf::image::Source;
 use gltf::material::AlphaMode;
-use gltf::texture::{MinFilter, WrappingMode};
+use gltf::texture::{MagFilter, MinFilter, WrappingMode};
 
 /// Smallest weight of a colour. Transparent texels count a little, because the sampler mixes them in at edges.
 const LEAST_ALPHA: f32 = 1.0 / 255.0;
@@ -39,6 +40,8 @@ static BYTE_OF_LIGHT: LazyLock<Vec<u8>> = LazyLock::new(|| {
 pub(super) struct Mipmaps {
     default_sampler: Arc<Mutex<ImageSamplerDescriptor>>,
     sampler: ImageSamplerDescriptor,
+    /// Anisotropy of textures whose sampler has none.
+    anisotropy: u16,
     /// True if the sampler replaces that of each texture.
     overrides: bool,
     usages: RenderAssetUsages,
@@ -48,9 +51,10 @@ pub(super) struct Mipmaps {
 
 impl Mipmaps {
     /// `default_sampler` is the default of Bevy's loader.
-    pub(super) fn new(default_sampler: Arc<Mutex<ImageSamplerDescriptor>>) -> Self {
+    pub(super) fn new(default_sampler: Arc<Mutex<ImageSamplerDescriptor>>, anisotropy: u16) -> Self {
         Self {
             default_sampler,
+            anisotropy: anisotropy.max(1),
             sampler: ImageSamplerDescriptor::default(),
             overrides: false,
             usages: RenderAssetUsages::default(),
@@ -66,7 +70,7 @@ impl Mipmaps {
         self.usages = settings.load_materials;
     }
 
-    /// Starts to make the mipmaps of a material of a level. Returns the label of each texture, and the task that makes
+    /// Starts to make the mipmaps of a material. Returns the label of each texture, and the task that makes
     /// its image.
     pub(super) fn start(
         &mut self,
@@ -99,7 +103,8 @@ impl Mipmaps {
         Some((GltfAssetLabel::Texture(texture.index()), AsyncComputeTaskPool::get().spawn(image)))
     }
 
-    /// The sampler that Bevy's loader gives a texture. `None` if its sampler asks for no mipmaps; those of levels do.
+    /// The sampler of a texture with mipmaps: that of Bevy's loader, and anisotropic. `None` if the texture's own sampler
+    /// asks for no mipmaps.
     fn sampler_of(&self, sampler: &gltf::texture::Sampler<'_>) -> Option<ImageSamplerDescriptor> {
         let mut out = self.sampler.clone();
         if self.overrides {
@@ -111,11 +116,17 @@ impl Mipmaps {
             WrappingMode::Repeat => ImageAddressMode::Repeat,
         };
         (out.address_mode_u, out.address_mode_v) = (mode(sampler.wrap_s()), mode(sampler.wrap_t()));
-        // Anisotropic filters are trilinear.
+        // Textures that say nothing look as the game's default wants; pixel art stays what it is.
+        let is_smooth = match sampler.min_filter() {
+            Some(filter) => filter == MinFilter::LinearMipmapLinear,
+            None => out.min_filter == ImageFilterMode::Linear,
+        };
+        let is_smooth = is_smooth && sampler.mag_filter() != Some(MagFilter::Nearest);
+        // Anisotropic filters are trilinear. A game's own anisotropy stays.
         if out.anisotropy_clamp == 1 {
-            out.set_filter(ImageFilterMode::Linear);
+            out.set_anisotropic_filter(self.anisotropy);
         }
-        (sampler.min_filter() == Some(MinFilter::LinearMipmapLinear)).then_some(out)
+        is_smooth.then_some(out)
     }
 }
 
@@ -194,26 +205,30 @@ fn with_mipmaps(mut image: Image, content: Content) -> Option<Image> {
         return None;
     }
     let (texels, _) = data.as_chunks::<4>();
-    let mut mipmap: Vec<Vec4> = texels.iter().map(|&texel| content.read(texel)).collect();
     let kept = |least| texels.iter().filter(|texel| f32::from(texel[3]) >= 255.0 * least).count();
     let cut_out = match content {
         Content::CutOut(least) => Some((least, kept(least) as f32 / texels.len() as f32)),
         _ => None,
     };
-    while size.max_element() > 1 {
-        mipmap = half_resolution(&mipmap, size);
-        size = (size / 2).max(UVec2::ONE);
-        let alpha = cut_out.map_or(1.0, |(least, fraction)| alpha_that_keeps(fraction, least, &mipmap));
-        data.extend(mipmap.iter().flat_map(|&texel| content.write(texel, alpha)));
+    let mut mipmap = (size.max_element() > 1).then(|| half_resolution(size, |i| content.read(texels[i])));
+    while let Some(texels) = mipmap {
+        size = half(size);
+        let alpha = cut_out.map_or(1.0, |(least, fraction)| alpha_that_keeps(fraction, least, &texels));
+        data.extend(texels.iter().flat_map(|&texel| content.write(texel, alpha)));
         image.texture_descriptor.mip_level_count += 1;
+        mipmap = (size.max_element() > 1).then(|| half_resolution(size, |i| texels[i]));
     }
     Some(image)
 }
 
+fn half(size: UVec2) -> UVec2 {
+    (size / 2).max(UVec2::ONE)
+}
+
 /// Means of 2 x 2 texels, or of two texels where an image is one texel wide or high.
-fn half_resolution(texels: &[Vec4], size: UVec2) -> Vec<Vec4> {
-    let half = (size / 2).max(UVec2::ONE);
-    let at = |x: u32, y: u32| texels[(y.min(size.y - 1) * size.x + x.min(size.x - 1)) as usize];
+fn half_resolution(size: UVec2, texel: impl Fn(usize) -> Vec4) -> Vec<Vec4> {
+    let half = half(size);
+    let at = |x: u32, y: u32| texel((y.min(size.y - 1) * size.x + x.min(size.x - 1)) as usize);
     let mean = |x: u32, y: u32| 0.25 * (at(x, y) + at(x + 1, y) + at(x, y + 1) + at(x + 1, y + 1));
     (0..half.y).flat_map(|y| (0..half.x).map(move |x| (x, y))).map(|(x, y)| mean(2 * x, 2 * y)).collect()
 }

@@ -71,15 +71,19 @@ pub use self::stats::{LodLevelStats, LodStats};
 pub struct LodPlugin {
     /// The first value of the resource [`LodSettings`].
     pub settings: LodSettings,
-    /// True if the textures of levels get mipmaps when they are loaded, so that distant levels do not sparkle. Mipmaps
-    /// need a third more memory, and the textures are decoded a second time, on the threads of Bevy's
+    /// True if the textures of levels, and those of their source, get mipmaps when they are loaded, so that nothing
+    /// sparkles afar, and a switch does not change the look. Textures whose own sampler asks for no mipmaps get none.
+    /// Mipmaps need a third more memory, and the textures are decoded a second time, on the threads of Bevy's
     /// `AsyncComputeTaskPool`. They are filtered with the sampler of Bevy's `GltfPlugin`.
     pub mipmaps: bool,
+    /// Largest anisotropy of the filter of mipmaps, from 1 (none: surfaces that are seen at a grazing angle blur) to 16.
+    /// Where the sampler of Bevy's `GltfPlugin` is anisotropic, its own counts.
+    pub anisotropy: u16,
 }
 
 impl Default for LodPlugin {
     fn default() -> Self {
-        Self { settings: LodSettings::default(), mipmaps: true }
+        Self { settings: LodSettings::default(), mipmaps: true, anisotropy: 8 }
     }
 }
 
@@ -124,7 +128,7 @@ impl Plugin for LodPlugin {
             return;
         };
         let sampler = app.world().get_resource::<DefaultGltfImageSampler>().filter(|_| self.mipmaps);
-        let mipmaps = sampler.map(|sampler| Mipmaps::new(sampler.get_internal()));
+        let mipmaps = sampler.map(|sampler| Mipmaps::new(sampler.get_internal(), self.anisotropy));
         let mut handlers = block_on(handlers.0.write());
         let handler = LodHandler::new(handlers.clone(), defaults.unwrap_or_default(), mipmaps);
         handlers.push(Box::new(handler));

@@ -1,0 +1,84 @@
+//! A level looks in Bevy as it does in the bake's own pictures: the filters of the game's textures take nothing from it.
+
+use std::f32::consts::FRAC_PI_4;
+
+use bevy::core_pipeline::tonemapping::Tonemapping;
+use bevy::prelude::*;
+use bevy_simpliguard::lod::LodPlugin;
+use simpliguard::data::Model;
+use simpliguard::render::{Camera, Light, Renderer, SurfaceSampler};
+
+use crate::scene::{PLACE, Scene, octopus};
+
+/// Side of the pictures in pixels.
+const SIDE: u32 = 1440;
+/// Length of the octopus' diagonal in metres.
+const DIAGONAL: f32 = 1.1;
+/// What a level may lose in the game, in dB.
+const LOSS: f64 = 1.0;
+
+#[test]
+#[ignore = "needs a Vulkan driver"]
+#[expect(clippy::print_stdout, reason = "the figures")]
+fn levels_look_in_the_game_as_in_the_bake() {
+    let baked = octopus();
+    let source = baked.model.as_ref().expect("a model");
+    let mut scene = Scene::new(baked.glb.clone(), LodPlugin::default(), SIDE, true);
+    show_colours_alone(&mut scene);
+    for (level, number) in baked.levels.iter().zip(1..) {
+        let model = level.to_model("level");
+        let errors = scene.lods().expect("levels").levels.iter();
+        let error = errors.filter(|l| l.level == number).map(|l| l.error).next().expect("a level");
+        for factor in [1.0, 0.5] {
+            let eye = factor * switching_distance(error) * Vec3::new(0.3, 0.35, 0.89).normalize();
+            let game = psnr([0, number].map(|level| photograph(&mut scene, level, eye)));
+            let bake = psnr([source, &model].map(|model| draw(model, eye)));
+            println!("LOD{number} at {factor} of its distance: {game:.2} dB in the game, {bake:.2} dB in the bake");
+            assert!(game > bake - LOSS, "LOD{number} loses {:.2} dB in the game", bake - game);
+        }
+    }
+}
+
+/// The distance at which the level's error is one pixel.
+fn switching_distance(error: f32) -> f32 {
+    let pixels_at_one_metre = 0.5 * SIDE as f32 / (0.5 * FRAC_PI_4).tan();
+    pixels_at_one_metre * DIAGONAL * error
+}
+
+/// Shows colours as the textures have them, on white.
+fn show_colours_alone(scene: &mut Scene) {
+    let world = scene.app.world_mut();
+    for (_, material) in world.resource_mut::<Assets<StandardMaterial>>().iter_mut() {
+        material.unlit = true;
+    }
+    world.resource_mut::<ClearColor>().0 = Color::WHITE;
+    world.entity_mut(scene.camera).insert(Tonemapping::None);
+    scene.settle();
+}
+
+fn photograph(scene: &mut Scene, level: u32, eye: Vec3) -> Vec<u8> {
+    scene.force(Some(level));
+    scene.look_from(Transform::from_translation(eye).looking_at(Vec3::ZERO, Vec3::Y));
+    (0..4).for_each(|_| scene.app.update());
+    scene.picture()
+}
+
+/// The same by the bake's renderer.
+fn draw(model: &Model, eye: Vec3) -> Vec<u8> {
+    let view = Mat4::look_at_rh(eye, Vec3::ZERO, Vec3::Y) * Mat4::from_translation(PLACE);
+    let projection = Mat4::perspective_rh_gl(FRAC_PI_4, 1.0, 0.1, 100.0);
+    let camera = Camera { view_projection: projection * view, eye: eye - PLACE };
+    let sampler = SurfaceSampler::new(model);
+    Renderer::new(&sampler, SIDE as usize, 2).draw(&camera, Light::None).over(1.0).pixels().flat_map(|p| p.0).collect()
+}
+
+/// Peak signal-to-noise ratio of two pictures, over the pixels that are not white in both.
+fn psnr([a, b]: [Vec<u8>; 2]) -> f64 {
+    let pixels = a.chunks_exact(4).zip(b.chunks_exact(4)).map(|(a, b)| (&a[..3], &b[..3]));
+    let touched = pixels.filter(|(a, b)| a.iter().chain(*b).any(|x| *x < 255));
+    let (count, sum) = touched.fold((0, 0.0), |(count, sum), (a, b)| {
+        let squares = a.iter().zip(b).map(|(a, b)| (f64::from(*a) - f64::from(*b)).powi(2));
+        (count + 3, sum + squares.sum::<f64>())
+    });
+    10.0 * (255.0 * 255.0 * f64::from(count) / sum).log10()
+}
