@@ -10,7 +10,7 @@ use glam::Vec3;
 use simpliguard::data::{Influences, Material, Model, Reconstruction, Surface, TriMesh};
 use simpliguard::geometry::{BoundingSphere, Bvh};
 use simpliguard::reconstruct::reconstruct;
-use simpliguard::render::{SurfaceSampler, take_views, viewpoints};
+use simpliguard::render::{Sampling, SurfaceSampler, take_views, viewpoints};
 use simpliguard::settings::BakeSettings;
 use simpliguard::simplify::{self, DeviationMetric, Inputs, OpaqueSurface, SimplifyParams, Tools};
 use simpliguard::{Cancellation, NoResources, Params, Source, gltf};
@@ -94,7 +94,7 @@ fn shape_three_levels_of_a_model(bencher: Bencher<'_, '_>) {
 fn shape_of(bencher: Bencher<'_, '_>, model: &Model) {
     let surface = &model.surface;
     let (sphere, sampler) = (BoundingSphere::around(&surface.positions), SurfaceSampler::new(model));
-    let views = take_views(&sampler, &viewpoints(&sphere, 48, 1), 512);
+    let views = take_views(&sampler, &viewpoints(&sphere, 48, 1), Sampling::antialiased(512));
     let Params { candidates, collapse, .. } = Params::new(&BakeSettings::default());
     let params = SimplifyParams { budgets: vec![1000, 2000, 4000], candidates, collapse };
     bencher.counter(ItemsCount::new(surface.triangles.len())).bench_local(|| {

@@ -224,7 +224,7 @@ impl LevelTask<'_> {
         low.double_sided |= cut_out;
         let mut low = low.retextured(atlas, texture.initial(&samples, cut_out));
         let fit = self.params.refine.enabled.then(|| texture.fit(&samples, Some(TRUST))).flatten();
-        let fitted = refine::fit_texture(&mut low, &self.all.views.full, fit.as_ref(), cancellation);
+        let fitted = refine::fit_texture(&mut low, &self.all.views.aliased, fit.as_ref(), cancellation);
         self.run.check()?;
         let refined = Some(Refined { psnr: fitted.psnr, ..refined.unwrap_or(fitted) });
         Ok(Finished { low, influences, samples, cut_out, refined })

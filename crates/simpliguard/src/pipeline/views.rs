@@ -1,5 +1,7 @@
 //! The views of a bake.
 
+use rayon::prelude::*;
+
 use super::params::Params;
 use super::runner::Runner;
 use super::source::SourceIndex;
@@ -9,8 +11,10 @@ use crate::{Error, StageId};
 /// Views of the source.
 pub(crate) struct Views<'a> {
     renderer: ViewRenderer<'a>,
-    /// At full resolution: candidates are scored by them, textures and vertices fitted to them.
+    /// At full resolution: candidates are scored by them, vertices fitted to them.
     pub(crate) full: Vec<View>,
+    /// The same at twice the size, without antialiasing: textures are fitted to them. Empty if none are.
+    pub(crate) aliased: Vec<View>,
     /// At half resolution: vertices are moved by them first. `None` while no level is known to need them.
     pub(crate) half_resolution: Option<Vec<View>>,
 }
@@ -19,8 +23,12 @@ impl<'a> Views<'a> {
     /// Renders the views of full resolution.
     pub(crate) fn render(index: &'a SourceIndex<'a>, params: &Params, run: &Runner<'a>) -> Result<Self, Error> {
         let renderer = index.view_renderer(params.views, run.cancellation());
-        let full = run.run(StageId::Views, || renderer.views())?;
-        Ok(Self { renderer, full, half_resolution: None })
+        let (full, aliased) = run.run(StageId::Views, || {
+            let aliased = renderer.aliased_views();
+            let full = aliased.par_iter().filter_map(View::halved).collect();
+            (full, if params.refine.enabled { aliased } else { Vec::new() })
+        })?;
+        Ok(Self { renderer, full, aliased, half_resolution: None })
     }
 
     /// Renders the views of half resolution.

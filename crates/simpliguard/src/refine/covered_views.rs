@@ -5,18 +5,20 @@ pub(super) struct CoveredViews<'a> {
     pub(super) views: Vec<&'a View>,
     /// Rectangle around the pixels that the source touches, one a view.
     pub(super) rects: Vec<Rect>,
+    /// Weight of a pixel when textures are fitted.
+    pub(super) pixel_weight: f32,
 }
 
 impl<'a> CoveredViews<'a> {
     pub(super) fn new(views: Vec<&'a View>) -> Self {
         let rects = views.iter().map(|view| covered_rect(&view.image)).collect();
-        Self { views, rects }
+        Self { views, rects, pixel_weight: 1.0 }
     }
 
     /// One view in `stride`, from the first.
     pub(super) fn every(&self, stride: usize) -> Self {
         let views = self.views.iter().copied().step_by(stride).collect();
-        Self { views, rects: self.rects.iter().copied().step_by(stride).collect() }
+        Self { views, rects: self.rects.iter().copied().step_by(stride).collect(), ..*self }
     }
 
     /// Number of views.

@@ -122,6 +122,12 @@ impl FrameBuffers {
         self.blend();
     }
 
+    /// The forward pass without antialiasing: [`Self::base`] is the result.
+    pub(super) fn render_aliased(&mut self, low: &LowPoly, camera: &Camera, pose: Option<usize>, source: Rect) {
+        self.rasterise(low, camera, pose, source);
+        self.shade(low);
+    }
+
     /// Indices of the pixels of row `y` within the rectangle.
     #[inline]
     pub(super) fn span(&self, y: usize) -> Range<usize> {

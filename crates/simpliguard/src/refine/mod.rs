@@ -24,6 +24,8 @@ mod optimizer;
 mod params;
 mod skin;
 mod texture_adam;
+#[cfg(test)]
+mod texture_fit_tests;
 mod texture_least_squares;
 mod train_validation;
 mod variables;
@@ -73,7 +75,9 @@ pub fn refine(
     Refined { psnr, ..refined }
 }
 
-/// Fits the texture alone. Keeps the initial one if the fitted one does not match the views held out better.
+/// Fits the texture alone, to views without antialiasing: an antialiased pixel shows more texels than one lookup mixes, and
+/// a texture fitted to it is too sharp or too soft under any other filter. Keeps the initial texture if the fitted one does
+/// not match the views held out better.
 ///
 /// Ends early if cancelled.
 pub fn fit_texture(
@@ -82,7 +86,7 @@ pub fn fit_texture(
     fit: Option<&TextureFit>,
     cancellation: &Cancellation,
 ) -> Refined {
-    fit_texture_to(&TrainValidationSplit::new(views, cancellation), low, fit)
+    fit_texture_to(&TrainValidationSplit::aliased(views, cancellation), low, fit)
 }
 
 /// Least gain of a fitted texture of a cut-out, in dB. The leaves that a view shows beside those of the level blur it, and

@@ -24,6 +24,6 @@ pub use raster::{EMPTY_PIXEL, Raster, Rect};
 pub use renderer::Renderer;
 pub use shader::Light;
 pub use surface_sampler::{Footprint, SurfaceSample, SurfaceSampler};
-pub use view::{View, take_posed_views, take_views};
+pub use view::{Sampling, View, take_posed_views, take_views};
 pub use view_renderer::ViewParams;
 pub(crate) use view_renderer::ViewRenderer;

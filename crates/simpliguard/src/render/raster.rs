@@ -41,6 +41,11 @@ impl Rect {
         Self { x0: self.x0 / n * n, y0: self.y0 / n * n, x1: up(self.x1), y1: up(self.y1) }
     }
 
+    /// True if a pixel lies within.
+    pub fn contains(&self, x: usize, y: usize) -> bool {
+        self.rows().contains(&y) && self.columns().contains(&x)
+    }
+
     /// Rows of the rectangle.
     pub fn rows(&self) -> std::ops::Range<usize> {
         self.y0..self.y1.max(self.y0)

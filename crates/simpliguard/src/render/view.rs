@@ -26,9 +26,25 @@ impl View {
     }
 }
 
-/// The view of the source from every camera. Images have a side of `size` pixels, each the mean of 2 x 2 points.
-pub fn take_views(sampler: &SurfaceSampler<'_>, cameras: &[Camera], size: usize) -> Vec<View> {
-    take(sampler, &sampler.model().surface.positions, cameras, size, None)
+/// The size of images, and the points that each pixel is the mean of.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Sampling {
+    /// Side in pixels.
+    pub size: usize,
+    /// Points along each side of a pixel. A pixel is their mean.
+    pub samples: usize,
+}
+
+impl Sampling {
+    /// Pixels that are means of 2 x 2 points.
+    pub fn antialiased(size: usize) -> Self {
+        Self { size, samples: 2 }
+    }
+}
+
+/// The view of the source from every camera.
+pub fn take_views(sampler: &SurfaceSampler<'_>, cameras: &[Camera], sampling: Sampling) -> Vec<View> {
+    take(sampler, &sampler.model().surface.positions, cameras, sampling, None)
 }
 
 /// As [`take_views`], with the source in a pose, its vertices at `positions`.
@@ -37,21 +53,21 @@ pub fn take_posed_views(
     positions: &[Vec3],
     pose: usize,
     cameras: &[Camera],
-    size: usize,
+    sampling: Sampling,
 ) -> Vec<View> {
-    take(sampler, positions, cameras, size, Some(pose))
+    take(sampler, positions, cameras, sampling, Some(pose))
 }
 
 fn take(
     sampler: &SurfaceSampler<'_>,
     positions: &[Vec3],
     cameras: &[Camera],
-    size: usize,
+    Sampling { size, samples }: Sampling,
     pose: Option<usize>,
 ) -> Vec<View> {
     let view = |renderer: &mut Renderer<'_>, camera: &Camera| {
         let image = renderer.draw_moved(positions, camera, Light::None);
         View { camera: *camera, pose, image }
     };
-    cameras.par_iter().map_init(|| Renderer::new(sampler, size, 2), view).collect()
+    cameras.par_iter().map_init(|| Renderer::new(sampler, size, samples), view).collect()
 }

@@ -5,7 +5,7 @@ use serde::Serialize;
 
 use super::camera::viewpoints;
 use super::surface_sampler::SurfaceSampler;
-use super::view::{View, take_posed_views, take_views};
+use super::view::{Sampling, View, take_posed_views, take_views};
 use crate::Cancellation;
 use crate::animation::Poses;
 use crate::geometry::BoundingSphere;
@@ -41,35 +41,36 @@ pub(crate) struct ViewRenderer<'a> {
 }
 
 impl ViewRenderer<'_> {
-    /// The views of the rest pose and of the other poses; fewer if cancelled.
-    pub(crate) fn views(&self) -> Vec<View> {
-        self.take(self.params.count, self.params.size as usize, self.seed)
+    /// The views of the rest pose and of the other poses, at twice the size and without antialiasing; fewer if cancelled.
+    pub(crate) fn aliased_views(&self) -> Vec<View> {
+        self.take(self.params.count, Sampling { size: 2 * self.params.size as usize, samples: 1 }, self.seed)
     }
 
     /// `views` at half resolution, and `further` views from other directions. Empty if the size is odd.
     pub(crate) fn half_resolution_views(&self, views: &[View], further: u32) -> Vec<View> {
         let halved: Option<Vec<View>> = views.par_iter().map(View::halved).collect();
         let Some(mut half_resolution) = halved else { return Vec::new() };
-        let size = self.params.size as usize / 2;
-        half_resolution.extend(self.take(further, size, self.seed.wrapping_add(2)));
+        let sampling = Sampling::antialiased(self.params.size as usize / 2);
+        half_resolution.extend(self.take(further, sampling, self.seed.wrapping_add(2)));
         half_resolution
     }
 
     /// `count` views of the rest pose, and the views of the other poses that go with them.
-    fn take(&self, count: u32, size: usize, seed: u64) -> Vec<View> {
+    fn take(&self, count: u32, sampling: Sampling, seed: u64) -> Vec<View> {
         let Self { sampler, sphere, poses, cancellation, .. } = self;
         // A few at a time: a cancelled bake ends soon.
         let few = 2 * rayon::current_num_threads();
         let wanted = || !cancellation.is_cancelled();
         let cameras = viewpoints(sphere, count as usize, seed);
-        let taken = cameras.chunks(few).take_while(|_| wanted()).flat_map(|cameras| take_views(sampler, cameras, size));
+        let take = |cameras| take_views(sampler, cameras, sampling);
+        let taken = cameras.chunks(few).take_while(|_| wanted()).flat_map(take);
         let mut views: Vec<View> = taken.collect();
         let Some(poses) = poses else { return views };
         let posed = (0..poses.all()).into_par_iter().filter(|_| wanted()).flat_map(|pose| {
             let positions = poses.source_in(pose);
             let all = viewpoints(&BoundingSphere::around(&positions), ViewParams::posed(count), seed.wrapping_add(1));
             let own: Vec<_> = all.into_iter().skip(pose).step_by(poses.all()).collect();
-            take_posed_views(sampler, &positions, pose, &own, size)
+            take_posed_views(sampler, &positions, pose, &own, sampling)
         });
         views.par_extend(posed);
         views

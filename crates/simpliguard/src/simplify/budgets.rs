@@ -35,7 +35,7 @@ pub(super) fn simplify_to_budgets(
     let run = |depth| collapse.run(simplifier.clone(), depth);
     let self_intersects = self_intersection::fraction(&simplifier.mesh()) > TOLERATED;
     let (resolved, free) = rayon::join(|| run(Some(SHALLOW_CONTACT)), || self_intersects.then(|| run(None)));
-    let Collapsed { mut shapes, is_stuck } = resolved;
+    let Collapsed { mut shapes, unblocked, is_stuck } = resolved;
     let mut fractions = shapes.iter().map(|shape| self_intersection::fraction(&shape.mesh));
     if fractions.any(|fraction| fraction > TOLERATED && fraction < WORTH_DEEP_RESOLUTION) {
         shapes.extend(run(Some(DEEP_CONTACT)).shapes);
@@ -44,6 +44,7 @@ pub(super) fn simplify_to_budgets(
     // freely.
     let free = free.or_else(|| is_stuck.then(|| run(None)));
     shapes.extend(free.into_iter().flat_map(|collapsed| collapsed.shapes));
+    shapes.extend(unblocked);
     shapes
 }
 
@@ -90,6 +91,9 @@ struct Collapse<'a> {
 struct Collapsed {
     /// One for each budget, in the order of the budgets.
     shapes: Vec<Shape>,
+    /// The same without components that block the collapse to a budget; empty shapes for budgets that none blocks. Empty if
+    /// none blocks any.
+    unblocked: Vec<Shape>,
     /// True if a budget was met only by collapses that add self-intersections.
     is_stuck: bool,
 }
@@ -103,7 +107,8 @@ impl Collapse<'_> {
             depth.into_iter().for_each(|depth| simplifier.resolve_intersections(depth));
         };
         resolve(&mut simplifier);
-        let mut shapes = Vec::new();
+        let whole = simplifier.clone();
+        let (mut shapes, mut unblocked) = (Vec::new(), Vec::new());
         for &budget in params.budgets.iter().rev().take_while(|_| !inputs.cancellation.is_cancelled()) {
             if params.collapse.remove_invisible {
                 simplifier.remove_negligible_components(budget as usize, NEGLIGIBLE_FACES);
@@ -113,13 +118,22 @@ impl Collapse<'_> {
                 true => Shortfall::VisibleFaces,
                 false => Shortfall::Components,
             };
-            simplifier.run(budget as usize);
-            resolve(&mut simplifier);
-            let mesh = self.with_joint_planes(&simplifier, budget as usize);
-            shapes.push(Shape::unscored(mesh, double_sided, candidate, shortfall));
+            let collapse = |simplifier: &mut Simplifier, shortfall| {
+                simplifier.run(budget as usize);
+                resolve(simplifier);
+                let mesh = self.with_joint_planes(simplifier, budget as usize);
+                Shape::unscored(mesh, double_sided, candidate, shortfall)
+            };
+            shapes.push(collapse(&mut simplifier, shortfall));
+            let freed = simplifier.is_exhausted().then(|| whole.without_blocking_components(budget as usize)).flatten();
+            unblocked.push(freed.map_or_else(Shape::empty, |mut freed| collapse(&mut freed, Shortfall::Components)));
         }
         shapes.reverse();
-        Collapsed { shapes, is_stuck: simplifier.is_stuck() }
+        unblocked.reverse();
+        if unblocked.iter().all(|shape| shape.mesh.triangles.is_empty()) {
+            unblocked.clear();
+        }
+        Collapsed { shapes, unblocked, is_stuck: simplifier.is_stuck() }
     }
 
     /// The mesh of the simplifier, split along the joint planes within the budget. To make room, a copy of the

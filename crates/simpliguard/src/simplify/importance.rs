@@ -134,7 +134,7 @@ mod tests {
             0.6,
             1.0,
         );
-        let views = crate::render::take_views(&sampler, &[camera], 64);
+        let views = crate::render::take_views(&sampler, &[camera], crate::render::Sampling::antialiased(64));
         let weights = &importance.of_pixels(&model, None, &[&views[0]])[0];
         let row = &weights[32 * 64..33 * 64];
         assert_eq!((row[0], row[26], row[38], row[63]), (1.0, 3.0, 1.0, 1.0));

@@ -89,6 +89,25 @@ pub(in crate::refine) fn squared_error(frame: &FrameBuffers, target: &Image, bac
     sum
 }
 
+/// As [`squared_error`], of images of half the size whose pixels are means of four. They are what a viewer sees of an image
+/// without antialiasing.
+pub(in crate::refine) fn squared_error_of_means(frame: &FrameBuffers, target: &Image, background: f32) -> f64 {
+    let rect = frame.rect.aligned(2);
+    // Beyond the frame's rectangle there is nothing, and its buffer holds earlier views.
+    let difference = |x: usize, y: usize| {
+        let (i, is_drawn) = (y * frame.size + x, frame.rect.contains(x, y));
+        if is_drawn { frame.base[i] - target.at(i) } else { Vec4::ZERO }
+    };
+    let mut sum = 0.0;
+    for y in rect.rows().step_by(2) {
+        for x in rect.columns().step_by(2) {
+            let four = difference(x, y) + difference(x + 1, y) + difference(x, y + 1) + difference(x + 1, y + 1);
+            sum += f64::from(over(four * 0.25, background).length_squared());
+        }
+    }
+    sum
+}
+
 /// A difference of premultiplied colours, once both lie over a background.
 #[inline]
 fn over(difference: Vec4, background: f32) -> Vec3 {

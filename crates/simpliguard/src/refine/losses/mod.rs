@@ -5,5 +5,5 @@ mod image;
 mod regularisation;
 
 pub(super) use distance::SourceDistance;
-pub(super) use image::{ImageLoss, squared_error};
+pub(super) use image::{ImageLoss, squared_error, squared_error_of_means};
 pub(super) use regularisation::Regularisation;

@@ -30,7 +30,7 @@ pub(super) fn assemble(
         .par_chunks(chunk)
         .zip(views.rects.par_chunks(chunk))
         .map(|(chunk, rects)| {
-            let mut assembly = Assembly::new(low, coarse, views.size());
+            let mut assembly = Assembly::new(low, coarse, views);
             for (view, rect) in chunk.iter().zip(rects).take_while(|_| !cancellation.is_cancelled()) {
                 assembly.add_view(view, *rect);
             }
@@ -49,19 +49,22 @@ struct Assembly<'a> {
     low: &'a LowPoly,
     coarse: Option<&'a CoarseSolution>,
     equations: NormalEquations,
+    pixel_weight: f32,
     frame: FrameBuffers,
     /// Pixels on either side of a silhouette, which hold background. All false between views.
     silhouette: Vec<bool>,
 }
 
 impl<'a> Assembly<'a> {
-    fn new(low: &'a LowPoly, coarse: Option<&'a CoarseSolution>, view_size: usize) -> Self {
+    fn new(low: &'a LowPoly, coarse: Option<&'a CoarseSolution>, views: &CoveredViews<'_>) -> Self {
+        let size = views.size();
         Self {
             low,
             coarse,
             equations: NormalEquations::new(low.texture.size),
-            frame: FrameBuffers::new(view_size),
-            silhouette: vec![false; view_size * view_size],
+            pixel_weight: views.pixel_weight,
+            frame: FrameBuffers::new(size),
+            silhouette: vec![false; size * size],
         }
     }
 
@@ -70,7 +73,7 @@ impl<'a> Assembly<'a> {
         frame.rasterise(low, &view.camera, view.pose, rect);
         frame.find_blends(low);
         self.mark_silhouette(true);
-        let Self { low, coarse, equations, frame, silhouette } = self;
+        let Self { low, coarse, equations, pixel_weight, frame, silhouette } = self;
         for y in frame.rect.rows() {
             let ndc_y = pixel_to_ndc(y, frame.size);
             for x in frame.rect.columns() {
@@ -81,7 +84,7 @@ impl<'a> Assembly<'a> {
                 }
                 let uv = frame.uv_at(low, id as usize, Vec2::new(pixel_to_ndc(x, frame.size), ndc_y)).0;
                 let color = view.image.at(i).xyz();
-                let weight = coarse.map_or(1.0, |coarse| coarse.trust(uv, color));
+                let weight = *pixel_weight * coarse.map_or(1.0, |coarse| coarse.trust(uv, color));
                 equations.add_pixel(Lookup::new(uv, low.texture.size), color, weight);
             }
         }

@@ -26,6 +26,18 @@ struct CollapseRules {
 impl Simplifier {
     /// Collapses until at most `target` faces are left or no collapse is possible. Returns the number of faces left.
     pub(crate) fn run(&mut self, target: usize) -> usize {
+        self.collapse_without_flips(target);
+        self.is_exhausted = self.has_to_go_on(target);
+        if self.is_exhausted {
+            self.fill_queue(Precision::Fine);
+            self.collapse_to(target, CollapseRules { min_cosine: ANY_COSINE, may_intersect: true });
+            self.remove_smallest_components(target);
+        }
+        self.live_faces
+    }
+
+    /// Collapses edges whose faces do not flip, until at most `target` faces are left or there are no more.
+    pub(super) fn collapse_without_flips(&mut self, target: usize) {
         let strict = CollapseRules { min_cosine: MIN_COSINE, may_intersect: false };
         if self.live_faces > COARSE_ABOVE * target {
             self.fill_queue(Precision::Coarse);
@@ -38,12 +50,6 @@ impl Simplifier {
             self.fill_queue(Precision::Fine);
             self.collapse_to(target, CollapseRules { min_cosine: MIN_COSINE, may_intersect: true });
         }
-        if self.has_to_go_on(target) {
-            self.fill_queue(Precision::Fine);
-            self.collapse_to(target, CollapseRules { min_cosine: ANY_COSINE, may_intersect: true });
-            self.remove_smallest_components(target);
-        }
-        self.live_faces
     }
 
     fn has_to_go_on(&self, target: usize) -> bool {

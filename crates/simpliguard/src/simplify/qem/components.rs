@@ -1,6 +1,6 @@
 //! Removal of components and of faces.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use super::simplifier::Simplifier;
 use crate::geometry::vertex_components;
@@ -31,6 +31,35 @@ impl Simplifier {
             }
             self.remove_all(&component.faces);
         }
+    }
+
+    /// The mesh without the components that stand in the way of `target` faces. A lattice keeps many faces however far it is
+    /// collapsed, for its holes; the others would be collapsed to nothing beside it. Removed are those that have the least mass
+    /// for each face they keep. `None` if no component blocks, or a single one is left that does.
+    pub(crate) fn without_blocking_components(&self, target: usize) -> Option<Self> {
+        let mut collapsed = self.clone();
+        collapsed.collapse_without_flips(target);
+        let mut components = collapsed.components();
+        let worth = |component: &Component| component.mass / component.faces.len() as f64;
+        components.sort_by(|a, b| worth(a).total_cmp(&worth(b)).then(a.faces[0].cmp(&b.faces[0])));
+        let most_worthy = components.pop()?;
+        let mut faces = collapsed.live_faces;
+        let excess = |component: &Component| {
+            let is_excess = faces > target;
+            faces -= if is_excess { component.faces.len() } else { 0 };
+            is_excess.then_some(component.faces[0])
+        };
+        let unwanted: BTreeSet<u32> = components.iter().map_while(excess).collect();
+        if unwanted.is_empty() || most_worthy.faces.len() > target {
+            return None;
+        }
+        let mut out = self.clone();
+        for component in self.components() {
+            if component.faces.iter().any(|f| unwanted.contains(f)) {
+                out.remove_all(&component.faces);
+            }
+        }
+        Some(out)
     }
 
     /// Removes the faces for which `unwanted` holds. They are numbered as in the present mesh.

@@ -39,6 +39,8 @@ pub(crate) struct Simplifier {
     pub(super) tree: Option<FaceTree>,
     /// True once a budget was met only by collapses that add self-intersections.
     pub(super) is_stuck: bool,
+    /// True if the last budget was met only by collapses that flip faces, or by the removal of components.
+    pub(super) is_exhausted: bool,
     /// Scratch for the link condition: the last mark of each vertex.
     pub(super) marks: Vec<u32>,
     /// The largest mark so far.
@@ -100,6 +102,7 @@ impl Simplifier {
             posed: None,
             tree: None,
             is_stuck: false,
+            is_exhausted: false,
             marks: vec![0; vertices],
             mark: 0,
             kept: Vec::new(),
@@ -128,6 +131,11 @@ impl Simplifier {
     /// True if a budget was met only by collapses that add self-intersections.
     pub(crate) fn is_stuck(&self) -> bool {
         self.is_stuck
+    }
+
+    /// True if the last budget was met only by collapses that flip faces, or by the removal of components.
+    pub(crate) fn is_exhausted(&self) -> bool {
+        self.is_exhausted
     }
 
     /// The present mesh.

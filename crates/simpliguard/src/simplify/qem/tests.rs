@@ -173,3 +173,54 @@ fn an_edge_that_only_bends_in_motion_is_kept() {
     };
     assert!((0..6).all(|t| !crosses(t)), "{mesh:?}");
 }
+
+/// A square plate with `n` x `n` square holes, closed on all sides.
+fn lattice(n: u32, offset: Vec3) -> TriMesh {
+    let (side, mut mesh) = (2 * n + 1, TriMesh::default());
+    let is_solid = |x: i32, y: i32| {
+        let within = (0..side as i32).contains(&x) && (0..side as i32).contains(&y);
+        within && (x % 2 == 0 || y % 2 == 0)
+    };
+    let at = |x: u32, y: u32, z: u32| (z * (side + 1) + y) * (side + 1) + x;
+    for z in 0..2 {
+        for y in 0..=side {
+            mesh.positions.extend((0..=side).map(|x| offset + Vec3::new(x as f32, y as f32, 0.5 * z as f32) / 20.0));
+        }
+    }
+    let mut quad = |[a, b, c, d]: [u32; 4]| mesh.triangles.extend([[a, b, c], [a, c, d]]);
+    for (x, y) in (0..side).flat_map(|y| (0..side).map(move |x| (x, y))) {
+        if !is_solid(x as i32, y as i32) {
+            continue;
+        }
+        quad([at(x, y, 1), at(x + 1, y, 1), at(x + 1, y + 1, 1), at(x, y + 1, 1)]);
+        quad([at(x, y, 0), at(x, y + 1, 0), at(x + 1, y + 1, 0), at(x + 1, y, 0)]);
+        let corners = [(x, y), (x + 1, y), (x + 1, y + 1), (x, y + 1)];
+        let beyond = [(0, -1), (1, 0), (0, 1), (-1, 0)];
+        for (k, (dx, dy)) in beyond.into_iter().enumerate() {
+            if !is_solid(x as i32 + dx, y as i32 + dy) {
+                let ((ax, ay), (bx, by)) = (corners[k], corners[(k + 1) % 4]);
+                quad([at(ax, ay, 0), at(bx, by, 0), at(bx, by, 1), at(ax, ay, 1)]);
+            }
+        }
+    }
+    mesh
+}
+
+#[test]
+fn a_lattice_gives_way_to_what_weighs_more() {
+    let mut mesh = grid(10, |x, y| 0.3 * (x * 3.0).sin() * (y * 3.0).cos());
+    let sheet = areas(&mesh).len();
+    mesh.append(&lattice(6, Vec3::new(0.0, 0.0, 2.0)));
+    let weights: Vec<f64> =
+        (areas(&mesh).into_iter().enumerate()).map(|(i, a)| if i < sheet { 10.0 * a } else { a }).collect();
+    let simplifier = Simplifier::new(&mesh, &weights, 0.0);
+
+    // Each of the 36 holes needs faces around it.
+    let mut blocked = simplifier.clone();
+    blocked.run(100);
+    assert!(blocked.is_exhausted());
+    let mut freed = simplifier.without_blocking_components(100).expect("the lattice blocks");
+    assert_eq!(freed.faces(), sheet);
+    assert!(freed.run(100) <= 100 && !freed.is_exhausted());
+    assert!(simplifier.without_blocking_components(mesh.triangles.len()).is_none());
+}
