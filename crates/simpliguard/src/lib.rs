@@ -46,6 +46,6 @@ pub use pipeline::params::Params;
 pub use pipeline::report::{LevelReport, LevelTopology, Report, StageSeconds, Status};
 pub use pipeline::stage::{STAGES, Stage};
 pub use pipeline::store::bake_key;
-pub use pipeline::{Baked, OPT_LEVEL, PIPELINE_VERSION, bake};
+pub use pipeline::{Baked, Likeness, OPT_LEVEL, PIPELINE_VERSION, WrongMaterial, bake};
 pub use simpliguard_key::{Key, KeyBuilder, content_hash};
 pub use source::{NoResources, RelativeUri, Resources, Source};

@@ -88,7 +88,7 @@ pub(super) fn deliver(
     while let Ok(event) = receiver.0.try_recv() {
         match event {
             Event::Desired { path, key, is_cached } => {
-                let done = BakeStatus::Done { duration: Duration::ZERO };
+                let done = BakeStatus::Done { duration: Duration::ZERO, warnings: Vec::new() };
                 bakes.set_desired(&path, Some(key), if is_cached { done } else { BakeStatus::Queued });
             }
             Event::Started(key, message) => {
@@ -101,7 +101,8 @@ pub(super) fn deliver(
                 messages.progress.write(message);
             }
             Event::Finished(key, message) => {
-                bakes.advance(&message.path, key, BakeStatus::Done { duration: message.duration });
+                let warnings = message.report.levels.iter().filter_map(|level| level.warning.clone()).collect();
+                bakes.advance(&message.path, key, BakeStatus::Done { duration: message.duration, warnings });
                 messages.finished.write(message);
             }
             Event::Failed(key, message) => {

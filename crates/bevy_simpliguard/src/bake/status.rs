@@ -23,6 +23,8 @@ pub enum BakeStatus {
     Done {
         /// Time the bake took; zero if the cache had the result.
         duration: Duration,
+        /// What is wrong with levels that hardly look like their source, one line each. Empty if the cache had the result.
+        warnings: Vec<String>,
     },
     /// The bake failed. The model has no levels, or keeps its last ones.
     Failed {
@@ -100,7 +102,7 @@ mod tests {
         bakes.advance(&path, old, baking(0.2));
         assert_eq!(bakes.get(&path), Some(&baking(0.2)));
         assert!(!bakes.is_settled());
-        bakes.set_desired(&path, Some(new), BakeStatus::Done { duration: Duration::ZERO });
+        bakes.set_desired(&path, Some(new), BakeStatus::Done { duration: Duration::ZERO, warnings: Vec::new() });
         bakes.advance(&path, old, baking(0.3));
         assert!(bakes.is_settled());
         bakes.set_desired(&path, None, BakeStatus::Failed { error: "x".into() });

@@ -121,6 +121,9 @@ impl Worker {
             return Err(Stop::Superseded);
         }
         info!("{}", summary(&path, &report, duration));
+        for warning in report.levels.iter().filter_map(|level| level.warning.as_ref()) {
+            warn!("{path}: {warning}");
+        }
         Ok(BakeFinished { path, report, duration })
     }
 

@@ -12,7 +12,7 @@ use crate::bake::{BakeStatus, Bakes};
 /// Largest number of models in the list. Of the others, only the number is shown.
 const ROWS: usize = 8;
 
-/// Time for which the list stays after the last bake. Failures stay until they are corrected.
+/// Time for which the list stays after the last bake. Failures and warnings stay until they are corrected.
 const LINGER: Duration = Duration::from_secs(5);
 
 const RUNNING: Color = Color::srgb(0.97, 0.79, 0.40);
@@ -42,10 +42,17 @@ struct Row {
 
 #[derive(Clone, PartialEq)]
 enum State {
-    Baking { percent: u8, stage: String },
+    Baking {
+        percent: u8,
+        stage: String,
+    },
     Failed(String),
     Queued,
-    Done { tenths: u64 },
+    /// There are levels, but some hardly look like their source.
+    Unlike(String),
+    Done {
+        tenths: u64,
+    },
 }
 
 /// Updates the list.
@@ -74,14 +81,15 @@ impl List {
     fn of<'a>(bakes: impl Iterator<Item = (&'a AssetPath<'static>, &'a BakeStatus)>, is_busy: bool) -> Self {
         let mut rows: Vec<Row> = bakes
             .filter_map(|(path, status)| Some(Row { path: path.to_string(), state: State::of(status)? }))
-            .filter(|row| is_busy || matches!(row.state, State::Failed(_)))
+            .filter(|row| is_busy || matches!(row.state, State::Failed(_) | State::Unlike(_)))
             .collect();
         // Rows are not sorted by progress, so that they keep their places during a bake.
         rows.sort_by_key(|row| match row.state {
             State::Baking { .. } => 0,
             State::Failed(_) => 1,
-            State::Queued => 2,
-            State::Done { .. } => 3,
+            State::Unlike(_) => 2,
+            State::Queued => 3,
+            State::Done { .. } => 4,
         });
         let more = rows.len().saturating_sub(ROWS);
         rows.truncate(ROWS);
@@ -112,8 +120,9 @@ impl State {
                 let percent = (100.0 * fraction.clamp(0.0, 1.0)) as u8;
                 Some(Self::Baking { percent, stage: stage.to_string() })
             }
-            BakeStatus::Done { duration } if duration.is_zero() => None,
-            BakeStatus::Done { duration } => Some(Self::Done { tenths: duration.as_millis() as u64 / 100 }),
+            BakeStatus::Done { warnings, .. } if !warnings.is_empty() => Some(Self::Unlike(warnings.join("\n"))),
+            BakeStatus::Done { duration, .. } if duration.is_zero() => None,
+            BakeStatus::Done { duration, .. } => Some(Self::Done { tenths: duration.as_millis() as u64 / 100 }),
             BakeStatus::Failed { error } => Some(Self::Failed(error.clone())),
         }
     }
@@ -126,6 +135,9 @@ impl State {
             }
             Self::Failed(error) => {
                 parent.spawn(text(error, size, FAILED));
+            }
+            Self::Unlike(warnings) => {
+                parent.spawn(text(warnings, size, RUNNING));
             }
             Self::Queued => {
                 parent.spawn(text("queued", size, DIM));

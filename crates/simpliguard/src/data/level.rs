@@ -99,7 +99,7 @@ impl Level {
         let rgba = |image: &Option<RgbImage>| image.clone().map(|i| DynamicImage::ImageRgb8(i).to_rgba8());
         let rough_metal = bind(rgba(&self.textures.occlusion_roughness_metallic), false);
         let bound = Material {
-            base_color_texture: bind(Some(self.seen_colors()), true),
+            base_color_texture: bind(self.seen_colors(), true),
             normal_texture: bind(rgba(&self.textures.normal), false),
             emissive_texture: bind(rgba(&self.textures.emissive), true),
             metallic_roughness_texture: rough_metal,
@@ -107,6 +107,7 @@ impl Level {
             ..Material::default()
         };
         let of_layer = |LevelLayer { material, .. }: &LevelLayer| Material {
+            base_color: material.base_color,
             metallic: if rough_metal.is_some() { 1.0 } else { material.metallic },
             roughness: if rough_metal.is_some() { 1.0 } else { material.roughness },
             emissive: material.emissive,
@@ -120,26 +121,26 @@ impl Level {
     }
 
     /// Base colours, with emitted colours where the base colour is black: see [`Material::only_emits`].
-    fn seen_colors(&self) -> RgbaImage {
-        let mut colors = self.textures.base_color.clone();
+    fn seen_colors(&self) -> Option<RgbaImage> {
+        let mut colors = self.textures.base_color.clone()?;
         for (x, y, color) in colors.enumerate_pixels_mut().filter(|&(x, y, _)| self.only_emits(x, y)) {
             let light = self.textures.emissive.as_ref().map_or([0; 3], |image| image.get_pixel(x, y).0);
             color.0[..3].copy_from_slice(&light);
         }
-        colors
+        Some(colors)
     }
 
     /// True if a texel shows nothing but emitted light.
     fn only_emits(&self, x: u32, y: u32) -> bool {
         let is_whole = self.layers.iter().all(|layer| layer.material.emissive == Vec3::ONE);
         let emissive = self.textures.emissive.as_ref().filter(|_| is_whole);
-        let black = self.textures.base_color.get_pixel(x, y).0[..3] == [0; 3];
+        let black = self.textures.base_color.as_ref().is_some_and(|image| image.get_pixel(x, y).0[..3] == [0; 3]);
         black && emissive.is_some_and(|image| image.get_pixel(x, y).0 != [0; 3])
     }
 
     /// As [`Self::only_emits`], for the texel at the middle of a triangle.
     fn triangle_only_emits(&self, triangle: [u32; 3]) -> bool {
-        let [width, height] = [self.textures.base_color.width(), self.textures.base_color.height()];
+        let (width, height) = self.textures.base_color.as_ref().map_or((0, 0), RgbaImage::dimensions);
         let [a, b, c] = triangle.map(|v| self.mesh.uvs[v as usize]);
         let texel = |c: f32, size: u32| ((c * size as f32) as u32).min(size.saturating_sub(1));
         let middle = (a + b + c) / 3.0;
@@ -176,11 +177,12 @@ mod tests {
                     metallic: 0.0,
                     roughness: 1.0,
                     emissive: Vec3::ZERO,
+                    base_color: Vec4::ONE,
                     transmission: None,
                 },
             }],
             textures: LevelTextures {
-                base_color: RgbaImage::from_pixel(4, 4, Rgba([255; 4])),
+                base_color: Some(RgbaImage::from_pixel(4, 4, Rgba([255; 4]))),
                 normal: None,
                 occlusion_roughness_metallic: None,
                 emissive: None,

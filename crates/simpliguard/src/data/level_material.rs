@@ -1,6 +1,6 @@
 //! The material and the textures of a level.
 
-use glam::Vec3;
+use glam::{Vec3, Vec4};
 use image::{RgbImage, RgbaImage};
 use serde::{Deserialize, Serialize};
 
@@ -15,6 +15,8 @@ pub struct LevelMaterial {
     pub double_sided: bool,
     /// `KHR_materials_unlit`.
     pub unlit: bool,
+    /// Linear colour and alpha, multiplied onto the texture of base colours; the whole colour without one.
+    pub base_color: Vec4,
     /// 0 to 1. Used if there is no occlusion-roughness-metallic texture.
     pub metallic: f32,
     /// 0 to 1. Used if there is no occlusion-roughness-metallic texture.
@@ -28,8 +30,8 @@ pub struct LevelMaterial {
 /// Square textures of one size, clamped at the borders.
 #[derive(Clone, Debug)]
 pub struct LevelTextures {
-    /// sRGB; alpha is coverage in the modes that use it, else 255.
-    pub base_color: RgbaImage,
+    /// sRGB; alpha is coverage in the modes that use it, else 255. `None` if the whole level has one colour.
+    pub base_color: Option<RgbaImage>,
     /// Tangent-space normals.
     pub normal: Option<RgbImage>,
     /// Occlusion in red, roughness in green, metalness in blue.
@@ -56,21 +58,24 @@ impl LevelTextures {
     /// # Errors
     /// The texture and its size.
     pub fn validate(&self) -> Result<(), String> {
-        let (width, height) = self.base_color.dimensions();
-        if width != height || width == 0 {
-            return Err(format!("the base colour has {width} x {height} texels; textures are square"));
-        }
+        let dimensions = |image: &Option<RgbImage>| image.as_ref().map(RgbImage::dimensions);
         let maps = [
-            ("normal map", &self.normal),
-            ("occlusion-roughness-metallic map", &self.occlusion_roughness_metallic),
-            ("emissive map", &self.emissive),
+            ("base colour", self.base_color.as_ref().map(RgbaImage::dimensions)),
+            ("normal map", dimensions(&self.normal)),
+            ("occlusion-roughness-metallic map", dimensions(&self.occlusion_roughness_metallic)),
+            ("emissive map", dimensions(&self.emissive)),
         ];
-        for (name, map) in maps {
-            if let Some((w, h)) = map.as_ref().map(RgbImage::dimensions).filter(|size| *size != (width, height)) {
-                return Err(format!("the {name} has {w} x {h} texels beside a base colour of {width} x {height}"));
-            }
+        let mut found = maps.into_iter().filter_map(|(name, size)| Some((name, size?)));
+        let Some((first, (width, height))) = found.next() else { return Ok(()) };
+        if width != height || width == 0 {
+            return Err(format!("the {first} has {width} x {height} texels; textures are square"));
         }
-        Ok(())
+        match found.find(|(_, size)| *size != (width, height)) {
+            Some((name, (w, h))) => {
+                Err(format!("the {name} has {w} x {h} texels beside a {first} of {width} x {height}"))
+            }
+            None => Ok(()),
+        }
     }
 }
 
@@ -81,7 +86,7 @@ mod tests {
     #[test]
     fn textures_are_square_and_of_one_size() {
         let set = |base: [u32; 2], map: [u32; 2]| LevelTextures {
-            base_color: RgbaImage::new(base[0], base[1]),
+            base_color: Some(RgbaImage::new(base[0], base[1])),
             normal: None,
             occlusion_roughness_metallic: None,
             emissive: Some(RgbImage::new(map[0], map[1])),

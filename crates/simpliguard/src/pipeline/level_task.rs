@@ -1,6 +1,7 @@
 //! What a level is made of and from.
 
 use super::clear::{ClearLayer, ClearLayers};
+use super::likeness::SourcePictures;
 use super::params::{LevelParams, Params};
 use super::runner::Runner;
 use super::shapes::Shapes;
@@ -15,6 +16,8 @@ pub(super) struct Levels<'a> {
     pub(super) views: &'a Views<'a>,
     pub(super) params: &'a Params,
     pub(super) shapes: LayerShapes<'a>,
+    /// Pictures that the levels are compared with; `None` for a preview.
+    pub(super) pictures: Option<&'a SourcePictures<'a>>,
     /// Vertices may lie where an earlier bake with other views has left them: for a preview.
     pub(super) warm_start: bool,
     pub(super) run: &'a Runner<'a>,

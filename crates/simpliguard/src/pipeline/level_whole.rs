@@ -4,6 +4,7 @@ use glam::Vec4;
 
 use super::clear::{ClearLayer, transmission};
 use super::level_task::LevelTask;
+use super::likeness::{Likeness, SourcePictures};
 use super::report::{ClearReport, LevelReport, LevelTopology};
 use crate::data::{
     AlphaMode, Atlas, Influences, Level, LevelLayer, LevelMaterial, LevelMorph, Transmission, TriMesh, linear_to_srgb,
@@ -136,7 +137,14 @@ impl WholeLevel {
     /// The level and its report.
     pub(super) fn finish(self, task: &LevelTask<'_>) -> (Level, LevelReport) {
         let report = self.report(task);
-        (self.level(task, report.error), report)
+        let mut level = self.level(task, report.error);
+        let likeness = task.all.pictures.map(|pictures| {
+            let likeness = pictures.compare(&level);
+            drop_useless_normal_map(&mut level, pictures, likeness)
+        });
+        let bar = task.all.params.maps.warn_below;
+        let warning = likeness.as_ref().and_then(|likeness| likeness.warning(report.level, bar));
+        (level, LevelReport { likeness, warning, ..report })
     }
 
     fn report(&self, task: &LevelTask<'_>) -> LevelReport {
@@ -159,6 +167,8 @@ impl WholeLevel {
             worst_stretch: self.atlas.worst_stretch,
             clear: self.clear.clone(),
             refined: self.refined,
+            likeness: None,
+            warning: None,
         }
     }
 
@@ -182,6 +192,24 @@ impl WholeLevel {
         let own_joints = task.params.skinning.bone_faces > 0.0;
         Level { budget: task.budget, error, mesh, own_joints, layers, textures }
     }
+}
+
+/// Drops the normal map if the level looks at least as much like its source under light without it: bytes for normals are
+/// coarser than those of a smooth mesh. A source with normal maps keeps them: they also show from nearer by. Returns the
+/// likeness.
+fn drop_useless_normal_map(level: &mut Level, pictures: &SourcePictures<'_>, likeness: Likeness) -> Likeness {
+    if pictures.have_normal_maps() {
+        return likeness;
+    }
+    let (Some(map), tangents) = (level.textures.normal.take(), std::mem::take(&mut level.mesh.tangents)) else {
+        return likeness;
+    };
+    let without = pictures.compare(level);
+    if without.psnr_lit >= likeness.psnr_lit {
+        return without;
+    }
+    (level.textures.normal, level.mesh.tangents) = (Some(map), tangents);
+    likeness
 }
 
 /// The morph targets of a part of a level, if they are transferred.

@@ -11,6 +11,7 @@ mod level;
 mod level_task;
 mod level_texture;
 mod level_whole;
+mod likeness;
 mod meter;
 pub(crate) mod params;
 mod preview;
@@ -30,6 +31,7 @@ use clear::ClearLayers;
 use import::Imported;
 use layers::SourceLayers;
 use level_task::{LayerShapes, Levels};
+use likeness::SourcePictures;
 use params::Params;
 use report::Report;
 use runner::Runner;
@@ -38,6 +40,7 @@ use source::{PreparedSource, SourceIndex};
 use views::Views;
 
 pub use baked::Baked;
+pub use likeness::{Likeness, WrongMaterial};
 pub use version::{OPT_LEVEL, PIPELINE_VERSION};
 
 /// Bakes levels of detail for one file.
@@ -71,7 +74,9 @@ pub fn bake(source: &Source<'_>, settings: &BakeSettings, context: &Context<'_>)
     preview::show(&prepared, &views, &params, shapes, &run)?;
     views.complete(shapes.solid.need_half_resolution, &params, &run);
     // Unwrap, skinning, texture, refine and maps.
-    let levels = Levels { source: &prepared, views: &views, params: &params, shapes, warm_start: false, run: &run };
+    let pictures = run.time(StageId::Views, || SourcePictures::take(&model, &index.sphere, index.seed));
+    let (source, pictures) = (&prepared, Some(&pictures));
+    let levels = Levels { source, views: &views, params: &params, shapes, pictures, warm_start: false, run: &run };
     let (levels, reports) = levels.make()?;
     let glb = export::export(&model, &levels, &params, &run)?;
     run.finish();

@@ -112,6 +112,8 @@ pub struct MapsParams {
     pub format: TextureFormat,
     /// Morph targets are transferred.
     pub morphs: bool,
+    /// PSNR in dB below which the report says that a level does not look like its source.
+    pub warn_below: f32,
 }
 
 impl Params {
@@ -142,6 +144,7 @@ impl Params {
                 normal_map: settings.normal_map,
                 format: settings.texture_format,
                 morphs: settings.morph_targets == MorphTargets::Transfer,
+                warn_below: settings.warn_below,
             },
             export: ExportParams { keep_source: settings.source == SourceGeometry::Keep },
         }
@@ -335,6 +338,7 @@ mod tests {
             ("distance_weight", "0.5"),
             ("normal_weight", "0.5"),
             ("step_length", "0.05"),
+            ("warn_below", "9"),
         ] {
             let mut overrides = crate::settings::BakeOverrides::default();
             overrides.set(name, value).expect(name);

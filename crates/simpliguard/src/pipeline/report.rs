@@ -2,6 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::likeness::Likeness;
 use crate::data::{Deviation, Model, TriMesh};
 use crate::geometry::{Topology, self_intersecting};
 use crate::refine::Refined;
@@ -45,7 +46,9 @@ impl Report {
         seconds: StageSeconds,
     ) -> Self {
         let source_faces = model.surface.triangles.len() as u64;
-        let notes = model.notes.iter().cloned().chain(dropped_morphs(model, morphs)).chain(unmet).collect();
+        let unlike = levels.iter().filter_map(|level| level.warning.clone());
+        let notes =
+            model.notes.iter().cloned().chain(dropped_morphs(model, morphs)).chain(unmet).chain(unlike).collect();
         Self { status: Status::Baked, source_faces, levels, notes, seconds }
     }
 
@@ -99,6 +102,10 @@ pub struct LevelReport {
     pub clear: Vec<ClearReport>,
     /// Gain of the refinement, in dB over held-out views.
     pub refined: Option<Refined>,
+    /// How much it looks like the source; `None` in a preview.
+    pub likeness: Option<Likeness>,
+    /// What is wrong, in words, if the likeness is below `warn_below`. It is also among the report's notes.
+    pub warning: Option<String>,
 }
 
 /// The report of a clear layer of a level.

@@ -46,6 +46,14 @@ impl<'a> Renderer<'a> {
         self.resolve(rect)
     }
 
+    /// The opaque or masked triangle that the last image shows at a pixel, at one of its points; `None` if there is none.
+    /// Blended triangles in front of it do not count.
+    pub fn solid_triangle(&self, x: usize, y: usize) -> Option<usize> {
+        let n = self.samples;
+        let id = self.raster.ids[y * n * self.raster.size + x * n];
+        (id != EMPTY_PIXEL).then_some(id as usize)
+    }
+
     /// Shades the pixels of the visibility buffer.
     fn shade_opaque(&mut self, clip: &[Vec4], rect: Rect, camera: &Camera, light: Light) {
         let size = self.raster.size;

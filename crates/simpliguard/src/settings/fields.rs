@@ -233,6 +233,9 @@ settings! {
     /// Largest displacement of a vertex in the first step, as a fraction of the mean edge length. Later steps are
     /// shorter.
     step_length: f32 = always(0.02), Limit::Between(0.0001, 0.1);
+    /// PSNR in dB, over the pixels that a level or its source touches, below which the report says that the level does not
+    /// look like its source, and where. With 0, nothing is said.
+    warn_below: f32 = always(12.0), Limit::Between(0.0, 60.0);
 }
 
 impl Default for BakeSettings {

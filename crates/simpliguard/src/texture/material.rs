@@ -1,12 +1,14 @@
 //! The factors of a level's material.
 
-use glam::Vec3;
+use glam::{Vec3, Vec4};
 
 use crate::data::{AlphaMode, LevelMaterial};
 use crate::render::SurfaceSample;
 
 /// Largest difference of a channel that counts as constant: one and a half steps of eight bits.
 const CONSTANT: f32 = 1.5 / 255.0;
+/// Largest difference of a linear colour that counts as constant: below half a step of eight bits in the dark, too.
+const SAME_COLOR: f32 = 1e-4;
 /// Emission up to which a level counts as dark: one step of eight bits.
 const DARK: f32 = 1.0 / 255.0;
 
@@ -24,10 +26,13 @@ pub struct MaterialStatistics {
     pub emissive: Vec3,
     /// Something does nothing but emit light.
     pub glows: bool,
+    /// Linear colour and alpha, if they are the same everywhere and nothing glows.
+    pub base_color: Option<Vec4>,
 }
 
 impl MaterialStatistics {
-    pub(super) fn of(samples: &[Option<SurfaceSample>]) -> Self {
+    /// The statistics of samples. Without `alpha`, everything is opaque.
+    pub(super) fn of(samples: &[Option<SurfaceSample>], alpha: bool) -> Self {
         let (mut low, mut high, mut sum, mut count) = (Vec3::MAX, Vec3::MIN, Vec3::ZERO, 0.0);
         let mut emissive = Vec3::ZERO;
         for s in samples.iter().flatten() {
@@ -48,8 +53,16 @@ impl MaterialStatistics {
             metallic: mean.z,
             emissive,
             glows,
+            base_color: if glows { None } else { constant_color(samples, alpha) },
         }
     }
+}
+
+/// The colour of all samples, if there is one.
+fn constant_color(samples: &[Option<SurfaceSample>], alpha: bool) -> Option<Vec4> {
+    let mut colors = samples.iter().flatten().map(|s| if alpha { s.color } else { s.color.with_w(1.0) });
+    let first = colors.next()?;
+    colors.all(|color| (color - first).abs().max_element() <= SAME_COLOR).then_some(first)
 }
 
 /// The factors of a level's material.
@@ -66,6 +79,7 @@ pub fn level_material(
         metallic: statistics.metallic,
         roughness: statistics.roughness,
         emissive: statistics.emissive,
+        base_color: statistics.base_color.unwrap_or(Vec4::ONE),
         transmission: None,
     }
 }

@@ -33,7 +33,7 @@ pub fn pbr_maps(
     channels: Channels,
 ) -> (LevelTextures, MaterialStatistics) {
     let painter = Painter { samples, size: map.size };
-    let statistics = MaterialStatistics::of(samples);
+    let statistics = MaterialStatistics::of(samples, channels.alpha);
     let normal = |i: usize, s: &SurfaceSample| encode_normal(mesh, map.texels[i], s.normal);
     let rough_metal = |_, s: &SurfaceSample| Vec3::new(s.occlusion, s.roughness, s.metallic);
     let emitted = |i: usize, s: &SurfaceSample| {
@@ -41,7 +41,10 @@ pub fn pbr_maps(
         (light / statistics.emissive).map(linear_to_srgb)
     };
     let textures = LevelTextures {
-        base_color: painter.base_color(colors, statistics.glows, channels.alpha),
+        base_color: match statistics.base_color {
+            Some(_) => None,
+            None => Some(painter.base_color(colors, statistics.glows, channels.alpha)),
+        },
         normal: channels.normal.then(|| painter.rgb(normal)),
         occlusion_roughness_metallic: statistics.rough_metal.then(|| painter.rgb(rough_metal)),
         emissive: (statistics.emissive != Vec3::ZERO).then(|| painter.rgb(emitted)),

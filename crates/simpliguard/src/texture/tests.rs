@@ -1,11 +1,14 @@
 //! A flat level that is baked from a flat source in the same place, channel by channel.
 
 use glam::{Affine2, Vec2, Vec3, Vec4};
-use image::{Rgba, RgbaImage};
+use image::{DynamicImage, Rgba, RgbaImage};
 
-use super::{BakeTarget, Baker, Channels, TexelMap, level_mesh, pbr_maps};
+use super::material::MaterialStatistics;
+use super::{BakeTarget, Baker, Channels, TexelMap, level_material, level_mesh, pbr_maps};
 use crate::Cancellation;
-use crate::data::{Atlas, LevelTextures, Material, Model, Surface, Texture, TextureRef, TriMesh, Wrap, srgb_to_linear};
+use crate::data::{
+    AlphaMode, Atlas, LevelTextures, Material, Model, Surface, Texture, TextureRef, TriMesh, Wrap, srgb_to_linear,
+};
 use crate::geometry::{BoundingSphere, Bvh};
 use crate::render::{SurfaceSample, SurfaceSampler};
 
@@ -121,6 +124,18 @@ fn transformed_textures_wrap_as_their_sampler_says() {
 }
 
 #[test]
+fn one_colour_everywhere_is_a_factor() {
+    let pale = Material { base_color: Vec4::new(0.83, 0.82, 0.81, 1.0), ..plain() };
+    let model = source([pale.clone(), pale.clone()], Vec::new());
+    assert!(images(&model).base_color.is_none());
+    let statistics = MaterialStatistics::of(&samples(&model), false);
+    assert_eq!(level_material(&statistics, AlphaMode::Opaque, false, false).base_color, pale.base_color);
+    // Less than a step of eight bits is still a second colour.
+    let other = Material { base_color: Vec4::new(0.829, 0.82, 0.81, 1.0), ..plain() };
+    assert!(images(&source([pale, other], Vec::new())).base_color.is_some());
+}
+
+#[test]
 fn occlusion_roughness_and_metalness_share_an_image() {
     let shiny = Material {
         roughness: 0.5,
@@ -160,9 +175,10 @@ fn what_does_nothing_but_emit_light_is_fitted_by_its_light() {
     assert_eq!((matt.color, matt.glows), (Vec4::ONE, false));
     // The fitted texture is white: here as light, there as a base colour.
     let images = images(&model);
-    let emissive = images.emissive.expect("it shines");
+    let [base_color, emissive] = [images.base_color.map(|image| DynamicImage::from(image).to_rgb8()), images.emissive]
+        .map(|image| image.expect("both vary"));
     for (x, base, light) in [(10, 0, 255), (50, 255, 0)] {
-        assert_eq!((images.base_color.get_pixel(x, 30).0[0], emissive.get_pixel(x, 30).0[0]), (base, light));
+        assert_eq!((base_color.get_pixel(x, 30).0[0], emissive.get_pixel(x, 30).0[0]), (base, light));
     }
 }
 

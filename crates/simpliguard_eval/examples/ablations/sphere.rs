@@ -3,7 +3,7 @@
 use std::error::Error;
 use std::f32::consts::{PI, TAU};
 
-use glam::{Vec2, Vec3};
+use glam::{Vec2, Vec3, Vec4};
 use image::{Rgba, RgbaImage};
 use serde_json::json;
 use simpliguard::data::{
@@ -24,16 +24,17 @@ pub(crate) fn glb(faces: usize) -> Result<Vec<u8>, Box<dyn Error>> {
         metallic: 0.0,
         roughness: 0.8,
         emissive: Vec3::ZERO,
+        base_color: Vec4::ONE,
         transmission: None,
     };
     let textures = LevelTextures {
-        base_color: RgbaImage::from_fn(TEXTURE, TEXTURE, |x, y| {
+        base_color: Some(RgbaImage::from_fn(TEXTURE, TEXTURE, |x, y| {
             let [u, v] = [x, y].map(|c| c as f32 / TEXTURE as f32);
             let stripes = |frequency: f32, at: f32| 0.5 + 0.4 * (frequency * at * TAU).sin();
             let color = [stripes(8.0, u + 0.1 * stripes(3.0, v)), stripes(5.0, v), stripes(13.0, u + v)];
             let [r, g, b] = color.map(|c| (255.0 * c) as u8);
             Rgba([r, g, b, 255])
-        }),
+        })),
         normal: None,
         occlusion_roughness_metallic: None,
         emissive: None,

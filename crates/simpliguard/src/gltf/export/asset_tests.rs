@@ -7,7 +7,7 @@
 use std::path::{Path, PathBuf};
 
 use bytes::Bytes;
-use glam::{Mat4, Vec2, Vec3};
+use glam::{Mat4, Vec2, Vec3, Vec4};
 use image::{Rgba, RgbaImage};
 
 use super::tests::Read;
@@ -84,11 +84,12 @@ fn sparse_level(model: &Model, step: usize) -> Level {
                 metallic: 0.0,
                 roughness: 1.0,
                 emissive: Vec3::ZERO,
+                base_color: Vec4::ONE,
                 transmission: None,
             },
         }],
         textures: LevelTextures {
-            base_color: RgbaImage::from_pixel(4, 4, Rgba([200, 150, 100, 255])),
+            base_color: Some(RgbaImage::from_pixel(4, 4, Rgba([200, 150, 100, 255]))),
             normal: None,
             occlusion_roughness_metallic: None,
             emissive: None,

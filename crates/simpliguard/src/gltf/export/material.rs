@@ -1,5 +1,6 @@
 //! The material of a level as glTF.
 
+use glam::Vec4;
 use serde_json::{Map, Value, json};
 
 use super::builder::{Builder, Kind, number};
@@ -50,11 +51,17 @@ fn reflection(name: &str, source: &LevelMaterial, textures: &WrittenTextures) ->
     let mut material = json!({
         "name": name,
         "pbrMetallicRoughness": {
-            "baseColorTexture": { "index": textures.base_color },
             "metallicFactor": number(metallic),
             "roughnessFactor": number(roughness),
         },
     });
+    if let Some(index) = textures.base_color {
+        material["pbrMetallicRoughness"]["baseColorTexture"] = json!({ "index": index });
+    }
+    if source.base_color != Vec4::ONE {
+        let factor = source.base_color.clamp(Vec4::ZERO, Vec4::ONE).to_array().map(number).into_iter().collect();
+        material["pbrMetallicRoughness"]["baseColorFactor"] = factor;
+    }
     if let Some(index) = packed {
         material["pbrMetallicRoughness"]["metallicRoughnessTexture"] = json!({ "index": index });
         material["occlusionTexture"] = json!({ "index": index });

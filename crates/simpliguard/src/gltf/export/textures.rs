@@ -15,7 +15,7 @@ const PNG_LEVEL: u8 = 3;
 
 /// The image files of a level.
 pub(super) struct EncodedTextures {
-    base_color: EncodedImage,
+    base_color: Option<EncodedImage>,
     normal: Option<EncodedImage>,
     occlusion_roughness_metallic: Option<EncodedImage>,
     emissive: Option<EncodedImage>,
@@ -29,7 +29,7 @@ struct EncodedImage {
 
 /// The glTF textures of a level, by index.
 pub(super) struct WrittenTextures {
-    pub(super) base_color: usize,
+    pub(super) base_color: Option<usize>,
     pub(super) normal: Option<usize>,
     pub(super) occlusion_roughness_metallic: Option<usize>,
     pub(super) emissive: Option<usize>,
@@ -75,7 +75,7 @@ impl EncodedTextures {
             out.push(Kind::Texture, json!({ "source": image, "sampler": sampler }))
         };
         WrittenTextures {
-            base_color: texture(&self.base_color),
+            base_color: self.base_color.as_ref().map(&mut texture),
             normal: self.normal.as_ref().map(&mut texture),
             occlusion_roughness_metallic: self.occlusion_roughness_metallic.as_ref().map(&mut texture),
             emissive: self.emissive.as_ref().map(&mut texture),
@@ -89,13 +89,13 @@ pub(super) fn push_sampler(out: &mut Builder) -> usize {
 }
 
 /// The base colour, without the alpha channel if nothing shows it.
-fn encode_base_color(asset: &str, textures: &LevelTextures, has_alpha: bool) -> Result<EncodedImage, Error> {
-    let image = &textures.base_color;
+fn encode_base_color(asset: &str, textures: &LevelTextures, has_alpha: bool) -> Result<Option<EncodedImage>, Error> {
+    let Some(image) = &textures.base_color else { return Ok(None) };
     if !has_alpha || image.pixels().all(|p| p.0[3] == 255) {
         let rgb: Vec<u8> = image.pixels().flat_map(|p| [p.0[0], p.0[1], p.0[2]]).collect();
-        encode(asset, &rgb, image.dimensions(), textures.format)
+        encode(asset, &rgb, image.dimensions(), textures.format).map(Some)
     } else {
-        png(asset, image, image.dimensions(), ExtendedColorType::Rgba8)
+        png(asset, image, image.dimensions(), ExtendedColorType::Rgba8).map(Some)
     }
 }
 

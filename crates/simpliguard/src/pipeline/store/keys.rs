@@ -277,7 +277,7 @@ mod tests {
         ];
         assert_eq!(
             (PIPELINE_VERSION, keys.map(|key| key.hex()[..16].to_owned())),
-            ("10", ["c2a9cab4fc24dff4", "b788d334dbe19baa"].map(str::to_owned))
+            ("11", ["15132d54355151b1", "08d1056baa5ab877"].map(str::to_owned))
         );
     }
 }

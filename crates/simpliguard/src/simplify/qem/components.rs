@@ -1,6 +1,6 @@
 //! Removal of components and of faces.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 
 use super::simplifier::Simplifier;
 use crate::geometry::vertex_components;
@@ -39,27 +39,21 @@ impl Simplifier {
     pub(crate) fn without_blocking_components(&self, target: usize) -> Option<Self> {
         let mut collapsed = self.clone();
         collapsed.collapse_without_flips(target);
-        let mut components = collapsed.components();
-        let worth = |component: &Component| component.mass / component.faces.len() as f64;
-        components.sort_by(|a, b| worth(a).total_cmp(&worth(b)).then(a.faces[0].cmp(&b.faces[0])));
-        let most_worthy = components.pop()?;
-        let mut faces = collapsed.live_faces;
-        let excess = |component: &Component| {
-            let is_excess = faces > target;
-            faces -= if is_excess { component.faces.len() } else { 0 };
-            is_excess.then_some(component.faces[0])
-        };
-        let unwanted: BTreeSet<u32> = components.iter().map_while(excess).collect();
-        if unwanted.is_empty() || most_worthy.faces.len() > target {
-            return None;
-        }
-        let mut out = self.clone();
-        for component in self.components() {
-            if component.faces.iter().any(|f| unwanted.contains(f)) {
-                out.remove_all(&component.faces);
+        let kept =
+            |component: &Component| component.faces.iter().filter(|f| collapsed.faces[**f as usize].is_live()).count();
+        let mut components: Vec<(usize, Component)> = self.components().into_iter().map(|c| (kept(&c), c)).collect();
+        let worth = |(kept, component): &(usize, Component)| component.mass / (*kept).max(1) as f64;
+        components.sort_by(|a, b| worth(a).total_cmp(&worth(b)).then(a.1.faces[0].cmp(&b.1.faces[0])));
+        let mut left = collapsed.live_faces;
+        let (mut out, keep_last) = (self.clone(), components.len().saturating_sub(1));
+        for (kept, component) in components.iter().take(keep_last) {
+            if left <= target {
+                break;
             }
+            left -= kept;
+            out.remove_all(&component.faces);
         }
-        Some(out)
+        (left <= target && out.live_faces < self.live_faces).then_some(out)
     }
 
     /// Removes the faces for which `unwanted` holds. They are numbered as in the present mesh.

@@ -1,5 +1,7 @@
 //! Materials and textures of levels.
 
+use glam::Vec4;
+
 use super::*;
 
 #[test]
@@ -12,6 +14,7 @@ fn materials_carry_every_mode() {
         metallic: 0.0,
         roughness: 0.0,
         emissive: Vec3::new(4.0, 2.0, 0.0),
+        base_color: Vec4::ONE,
         transmission: None,
     };
     level.mesh.tangents = vec![Vec3::X.extend(1.0); 3];
@@ -37,7 +40,7 @@ fn materials_carry_every_mode() {
 fn all_textures(format: TextureFormat) -> LevelTextures {
     let map = || Some(RgbImage::from_pixel(4, 4, Rgb([128, 128, 255])));
     LevelTextures {
-        base_color: base_color(77),
+        base_color: Some(base_color(77)),
         normal: map(),
         occlusion_roughness_metallic: map(),
         emissive: map(),
@@ -80,7 +83,7 @@ fn a_clear_layer_is_a_primitive_of_its_own() {
         attenuation_color: Vec3::ONE,
     });
     level.layers.push(LevelLayer { triangles: 1, material });
-    level.textures.base_color = base_color(77);
+    level.textures.base_color = Some(base_color(77));
     let read = Read::new("clear", &export_level(&triangle(), &level).expect("exports"));
     assert_eq!(read.json["meshes"][0]["primitives"].as_array().map(Vec::len), Some(2));
     assert_eq!(

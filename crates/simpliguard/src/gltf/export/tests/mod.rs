@@ -3,7 +3,7 @@
 //! With `SIMPLIGUARD_EXPORT_DIR` set, every file is also written there, for the Khronos validator.
 
 use bytes::Bytes;
-use glam::{Mat4, Vec2, Vec3};
+use glam::{Mat4, Vec2, Vec3, Vec4};
 use image::{Rgb, RgbImage, Rgba, RgbaImage};
 use serde_json::{Value, json};
 
@@ -198,11 +198,12 @@ fn level(budget: u32, skinned: bool) -> Level {
                 metallic: 0.25,
                 roughness: 0.75,
                 emissive: Vec3::ZERO,
+                base_color: Vec4::ONE,
                 transmission: None,
             },
         }],
         textures: LevelTextures {
-            base_color: base_color(255),
+            base_color: Some(base_color(255)),
             normal: None,
             occlusion_roughness_metallic: None,
             emissive: None,

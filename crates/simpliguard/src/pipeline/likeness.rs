@@ -1,0 +1,242 @@
+//! How much a level looks like its source, from views that nothing was chosen by or fitted to.
+
+use glam::{Vec3, Vec4, Vec4Swizzles};
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+use crate::data::{Level, Model};
+use crate::geometry::BoundingSphere;
+use crate::render::{Camera, Image, Light, Renderer, SurfaceSampler, viewpoints};
+
+/// Number of views, and their side in pixels.
+const VIEWS: usize = 8;
+const SIZE: usize = 256;
+/// Added to the seed of the views that stages are given.
+const OTHER_SEED: u64 = 3;
+/// Backgrounds: on one alone, what has its colour would not count.
+const BACKGROUNDS: [f32; 2] = [0.0, 1.0];
+/// Error of a colour channel, 0 to 1 of the encoded scale, from which on a pixel is wrong.
+const WRONG: f32 = 0.2;
+/// Mean squared error of pictures that are alike.
+const LEAST_ERROR: f64 = 1e-10;
+/// Alpha of a pixel that counts to the silhouette.
+const COVERED: u8 = 128;
+
+/// How much a level looks like its source: means over views on black and on white.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Likeness {
+    /// PSNR in dB over the pixels that the level or the source touches, without light.
+    pub psnr: f32,
+    /// The same under a light at the camera.
+    pub psnr_lit: f32,
+    /// Intersection over union of the silhouettes, 0 to 1.
+    pub silhouette_iou: f32,
+    /// The material of the source with the most wrong pixels, if any are wrong.
+    pub worst: Option<WrongMaterial>,
+}
+
+/// A material of the source that a level shows wrongly.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct WrongMaterial {
+    /// Its name, or its number if it has none.
+    pub material: String,
+    /// Fraction of its pixels that are wrong, 0 to 1.
+    pub wrong: f32,
+}
+
+/// Pictures of a source, for comparison with those of its levels.
+pub(super) struct SourcePictures<'a> {
+    model: &'a Model,
+    views: Vec<SourceView>,
+}
+
+struct SourceView {
+    camera: Camera,
+    /// Without and with light.
+    images: [Image; 2],
+    /// The material that each pixel shows; `None` behind clear surfaces alone, and where nothing is.
+    materials: Vec<Option<u32>>,
+}
+
+/// Sums over the pixels of one view.
+#[derive(Default)]
+struct Comparison {
+    errors: [f64; 2],
+    touched: usize,
+    both: usize,
+    either: usize,
+    /// Pixels of each material of the source, and those that are wrong.
+    materials: Vec<[usize; 2]>,
+}
+
+impl<'a> SourcePictures<'a> {
+    /// Takes the pictures of `model`, which fits the sphere.
+    pub(super) fn take(model: &'a Model, sphere: &BoundingSphere, seed: u64) -> Self {
+        let sampler = SurfaceSampler::new(model);
+        let view = |renderer: &mut Renderer<'_>, camera: Camera| {
+            let images = [Light::Head, Light::None].map(|light| renderer.draw(&camera, light));
+            let material = |i| Some(model.surface.material[renderer.solid_triangle(i % SIZE, i / SIZE)?]);
+            let materials = (0..SIZE * SIZE).map(material).collect();
+            let [lit, unlit] = images;
+            SourceView { camera, images: [unlit, lit], materials }
+        };
+        let cameras = viewpoints(sphere, VIEWS, seed.wrapping_add(OTHER_SEED));
+        let views = cameras.into_par_iter().map_init(|| Renderer::new(&sampler, SIZE, 2), view).collect();
+        Self { model, views }
+    }
+
+    /// The source has normal maps.
+    pub(super) fn have_normal_maps(&self) -> bool {
+        self.model.materials.iter().any(|material| material.normal_texture.is_some())
+    }
+
+    /// Compares a level with the source.
+    pub(super) fn compare(&self, level: &Level) -> Likeness {
+        let level = level.to_model("level");
+        let sampler = SurfaceSampler::new(&level);
+        let compare = |renderer: &mut Renderer<'_>, view: &SourceView| {
+            let images = [Light::None, Light::Head].map(|light| renderer.draw(&view.camera, light));
+            self.compare_view(view, &images)
+        };
+        let new = || Renderer::new(&sampler, SIZE, 2);
+        let compared: Vec<Comparison> = self.views.par_iter().map_init(new, compare).collect();
+        self.summary(&compared)
+    }
+
+    fn compare_view(&self, view: &SourceView, level: &[Image; 2]) -> Comparison {
+        let mut out = Comparison { materials: vec![[0; 2]; self.model.materials.len()], ..Comparison::default() };
+        for i in 0..SIZE * SIZE {
+            let [a, b] = [view.images[0].pixels[i][3], level[0].pixels[i][3]];
+            if a == 0 && b == 0 {
+                continue;
+            }
+            let differences = [0, 1].map(|light| view.images[light].at(i) - level[light].at(i));
+            out.touched += 1;
+            out.both += usize::from(a >= COVERED && b >= COVERED);
+            out.either += usize::from(a >= COVERED || b >= COVERED);
+            out.errors.iter_mut().zip(differences).for_each(|(sum, d)| *sum += f64::from(squared_error(d)));
+            if let Some(material) = view.materials[i] {
+                let count = &mut out.materials[material as usize];
+                count[0] += 1;
+                count[1] += usize::from(is_wrong(differences[0]));
+            }
+        }
+        out
+    }
+
+    fn summary(&self, views: &[Comparison]) -> Likeness {
+        let count = views.len().max(1) as f64;
+        let mean = |of: &dyn Fn(&Comparison) -> f64| (views.iter().map(of).sum::<f64>() / count) as f32;
+        let psnr = |light: usize| {
+            mean(&|view| -10.0 * libm::log10((view.errors[light] / view.touched.max(1) as f64).max(LEAST_ERROR)))
+        };
+        let iou = |view: &Comparison| if view.either == 0 { 1.0 } else { view.both as f64 / view.either as f64 };
+        let pixels = |m: usize| {
+            let sum = |i: usize| views.iter().map(|view| view.materials[m][i]).sum::<usize>();
+            [sum(0), sum(1)]
+        };
+        let worst = (0..self.model.materials.len()).map(|m| (m, pixels(m))).max_by_key(|(m, p)| (p[1], usize::MAX - m));
+        let worst = worst.filter(|(_, [_, wrong])| *wrong > 0).map(|(m, [all, wrong])| {
+            let name = &self.model.materials[m].name;
+            let material = if name.is_empty() { m.to_string() } else { name.clone() };
+            WrongMaterial { material, wrong: wrong as f32 / all as f32 }
+        });
+        Likeness { psnr: psnr(0), psnr_lit: psnr(1), silhouette_iou: mean(&iou), worst }
+    }
+}
+
+impl Likeness {
+    /// What is wrong, in words, for a level of this number whose PSNR is below `bar`.
+    pub(super) fn warning(&self, level: u32, bar: f32) -> Option<String> {
+        if self.psnr >= bar {
+            return None;
+        }
+        let Self { psnr, silhouette_iou, worst, .. } = self;
+        let overlap = 100.0 * silhouette_iou;
+        let worst = worst.as_ref().map_or_else(String::new, |WrongMaterial { material, wrong }| {
+            format!(", and {:.0} % of the pixels of material '{material}' are wrong", 100.0 * wrong)
+        });
+        Some(format!(
+            "LOD{level} hardly looks like its source: {psnr:.1} dB, below `warn_below` ({bar:.1}); the silhouettes overlap \
+             by {overlap:.0} %{worst}"
+        ))
+    }
+}
+
+/// Mean over the backgrounds and channels, for a difference of premultiplied colours.
+fn squared_error(difference: Vec4) -> f32 {
+    BACKGROUNDS.map(|b| over(difference, b).length_squared()).iter().sum::<f32>() / (3 * BACKGROUNDS.len()) as f32
+}
+
+fn is_wrong(difference: Vec4) -> bool {
+    BACKGROUNDS.iter().any(|b| over(difference, *b).abs().max_element() > WRONG)
+}
+
+fn over(difference: Vec4, background: f32) -> Vec3 {
+    difference.xyz() - background * difference.w
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::data::{Material, Surface};
+
+    /// Two squares side by side, of two materials.
+    fn squares(colors: [f32; 2]) -> Model {
+        let corners = |x: f32| [[x, 0.0], [x + 1.0, 0.0], [x + 1.0, 1.0], [x, 1.0]].map(|[x, y]| Vec3::new(x, y, 0.0));
+        let triangles = vec![[0, 1, 2], [0, 2, 3], [4, 5, 6], [4, 6, 7]];
+        let surface = Surface {
+            positions: [corners(-1.0), corners(0.0)].concat(),
+            normals: vec![Vec3::Z; 8],
+            triangles,
+            material: vec![0, 0, 1, 1],
+            ..Surface::default()
+        };
+        let material = |(name, color): (&str, f32)| Material {
+            name: name.into(),
+            base_color: Vec4::new(color, color, color, 1.0),
+            double_sided: true,
+            ..Material::default()
+        };
+        let materials = [("left", colors[0]), ("", colors[1])].map(material).to_vec();
+        Model { surface, materials, ..Model::empty("squares") }
+    }
+
+    fn compare(source: &Model, other: &Model) -> Likeness {
+        let sphere = BoundingSphere::around(&source.surface.positions);
+        let [a, b] = [source, other].map(|model| SourcePictures::take(model, &sphere, 1));
+        let views = a.views.iter().zip(&b.views).map(|(view, other)| a.compare_view(view, &other.images));
+        a.summary(&views.collect::<Vec<_>>())
+    }
+
+    #[test]
+    fn a_model_is_like_itself() {
+        let model = squares([0.2, 1.0]);
+        let likeness = compare(&model, &model);
+        assert_eq!(likeness, Likeness { psnr: 100.0, psnr_lit: 100.0, silhouette_iou: 1.0, worst: None });
+        assert_eq!(likeness.warning(1, 12.0), None);
+    }
+
+    #[test]
+    fn the_material_with_the_wrong_pixels_is_named() {
+        let likeness = compare(&squares([0.2, 1.0]), &squares([0.2, 0.0]));
+        let Some(WrongMaterial { material, wrong }) = &likeness.worst else { panic!("{likeness:?}") };
+        assert!(material == "1" && *wrong > 0.95, "{likeness:?}");
+        // Half of the pixels have the largest error.
+        assert!((likeness.psnr - 3.0).abs() < 1.5 && likeness.silhouette_iou == 1.0, "{likeness:?}");
+        let warning = likeness.warning(2, 12.0).expect("below");
+        assert!(
+            warning.starts_with("LOD2 hardly looks like its source") && warning.contains("material '1'"),
+            "{warning}"
+        );
+    }
+
+    #[test]
+    fn what_is_white_on_white_is_seen_on_black() {
+        let mut without = squares([1.0, 1.0]);
+        without.surface.triangles.truncate(2);
+        without.surface.material.truncate(2);
+        let likeness = compare(&squares([1.0, 1.0]), &without);
+        assert!(likeness.psnr < 7.0 && (likeness.silhouette_iou - 0.5).abs() < 0.15, "{likeness:?}");
+    }
+}
