@@ -4,9 +4,12 @@ use glam::{Vec3, Vec4, Vec4Swizzles};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
+use super::runner::Runner;
+use super::source::SourceIndex;
 use crate::data::{Level, Model};
 use crate::geometry::BoundingSphere;
 use crate::render::{Camera, Image, Light, Renderer, SurfaceSampler, viewpoints};
+use crate::{Cancellation, StageId};
 
 /// Number of views, and their side in pixels.
 const VIEWS: usize = 8;
@@ -48,6 +51,7 @@ pub struct WrongMaterial {
 pub(super) struct SourcePictures<'a> {
     model: &'a Model,
     views: Vec<SourceView>,
+    cancellation: &'a Cancellation,
 }
 
 struct SourceView {
@@ -70,8 +74,13 @@ struct Comparison {
 }
 
 impl<'a> SourcePictures<'a> {
-    /// Takes the pictures of `model`, which fits the sphere.
-    pub(super) fn take(model: &'a Model, sphere: &BoundingSphere, seed: u64) -> Self {
+    /// Pictures of a whole source.
+    pub(super) fn of(index: &SourceIndex<'a>, run: &'a Runner<'_>) -> Self {
+        run.time(StageId::Views, || Self::take(index.whole, &index.sphere, index.seed, run.cancellation()))
+    }
+
+    /// Takes the pictures of `model`, which fits the sphere; fewer if cancelled.
+    fn take(model: &'a Model, sphere: &BoundingSphere, seed: u64, cancellation: &'a Cancellation) -> Self {
         let sampler = SurfaceSampler::new(model);
         let view = |renderer: &mut Renderer<'_>, camera: Camera| {
             let images = [Light::Head, Light::None].map(|light| renderer.draw(&camera, light));
@@ -81,8 +90,9 @@ impl<'a> SourcePictures<'a> {
             SourceView { camera, images: [unlit, lit], materials }
         };
         let cameras = viewpoints(sphere, VIEWS, seed.wrapping_add(OTHER_SEED));
-        let views = cameras.into_par_iter().map_init(|| Renderer::new(&sampler, SIZE, 2), view).collect();
-        Self { model, views }
+        let cameras = cameras.into_par_iter().filter(|_| !cancellation.is_cancelled());
+        let views = cameras.map_init(|| Renderer::new(&sampler, SIZE, 2), view).collect();
+        Self { model, views, cancellation }
     }
 
     /// The source has normal maps.
@@ -90,7 +100,7 @@ impl<'a> SourcePictures<'a> {
         self.model.materials.iter().any(|material| material.normal_texture.is_some())
     }
 
-    /// Compares a level with the source.
+    /// Compares a level with the source; by fewer views if cancelled.
     pub(super) fn compare(&self, level: &Level) -> Likeness {
         let level = level.to_model("level");
         let sampler = SurfaceSampler::new(&level);
@@ -99,7 +109,8 @@ impl<'a> SourcePictures<'a> {
             self.compare_view(view, &images)
         };
         let new = || Renderer::new(&sampler, SIZE, 2);
-        let compared: Vec<Comparison> = self.views.par_iter().map_init(new, compare).collect();
+        let views = self.views.par_iter().filter(|_| !self.cancellation.is_cancelled());
+        let compared: Vec<Comparison> = views.map_init(new, compare).collect();
         self.summary(&compared)
     }
 
@@ -204,7 +215,8 @@ mod tests {
 
     fn compare(source: &Model, other: &Model) -> Likeness {
         let sphere = BoundingSphere::around(&source.surface.positions);
-        let [a, b] = [source, other].map(|model| SourcePictures::take(model, &sphere, 1));
+        let cancellation = Cancellation::default();
+        let [a, b] = [source, other].map(|model| SourcePictures::take(model, &sphere, 1, &cancellation));
         let views = a.views.iter().zip(&b.views).map(|(view, other)| a.compare_view(view, &other.images));
         a.summary(&views.collect::<Vec<_>>())
     }
