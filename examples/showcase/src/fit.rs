@@ -27,27 +27,26 @@ fn note(ready: On<WorldInstanceReady>, mut commands: Commands, pinned: Query<&Pi
     }
 }
 
-/// Runs a frame after the instance appeared, so that transforms below it are known.
+/// Measures new instances. Global transforms below them may not be known yet.
 #[expect(clippy::too_many_arguments, reason = "a system of Bevy lists what it uses")]
 fn measure(
     mut commands: Commands,
     mut fits: ResMut<Fits>,
     collection: Res<Collection>,
     meshes: Res<Assets<Mesh>>,
-    unmeasured: Query<(Entity, &Exhibit, &GlobalTransform), With<Unmeasured>>,
+    unmeasured: Query<(Entity, &Exhibit), With<Unmeasured>>,
     children: Query<&Children>,
-    parts: Query<(&Mesh3d, &GlobalTransform)>,
+    parts: Query<&Mesh3d>,
+    transforms: TransformHelper,
 ) {
-    for (root, exhibit, frame) in &unmeasured {
-        let to_root = frame.affine().inverse();
+    for (root, exhibit) in &unmeasured {
+        let place = |entity| transforms.compute_global_transform(entity).map(|global| global.affine());
+        let Ok(to_root) = place(root).map(|frame| frame.inverse()) else { continue };
         let boxes = children.iter_descendants(root).filter_map(|part| {
-            let (mesh, transform) = parts.get(part).ok()?;
+            let (mesh, transform) = (parts.get(part).ok()?, place(part).ok()?);
             // The mesh's own box, which no animation moves: every instance gets the same size.
             let bounds = meshes.get(mesh)?.compute_aabb()?;
-            Some(
-                corners(bounds.min().into(), bounds.max().into())
-                    .map(|c| (to_root * transform.affine()).transform_point3(c)),
-            )
+            Some(corners(bounds.min().into(), bounds.max().into()).map(|c| (to_root * transform).transform_point3(c)))
         });
         let fit = fit(boxes.flatten());
         fits.0.resize(collection.models.len(), None);

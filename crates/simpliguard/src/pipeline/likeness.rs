@@ -7,12 +7,12 @@ use serde::{Deserialize, Serialize};
 use super::runner::Runner;
 use super::source::SourceIndex;
 use crate::data::{Level, Model};
-use crate::geometry::BoundingSphere;
-use crate::render::{Camera, Image, Light, Renderer, SurfaceSampler, viewpoints};
+use crate::render::{Camera, Image, Light, Renderer, SurfaceSampler, ViewParams, viewpoints};
 use crate::{Cancellation, StageId};
 
-/// Number of views, and their side in pixels.
+/// Number of views.
 const VIEWS: usize = 8;
+/// Largest side of a view in pixels. Smaller views are half as large as those that the level was fitted to.
 const SIZE: usize = 256;
 /// Added to the seed of the views that stages are given.
 const OTHER_SEED: u64 = 3;
@@ -50,6 +50,8 @@ pub struct WrongMaterial {
 /// Pictures of a source, for comparison with those of its levels.
 pub(super) struct SourcePictures<'a> {
     model: &'a Model,
+    /// Side of the pictures in pixels.
+    size: usize,
     views: Vec<SourceView>,
     cancellation: &'a Cancellation,
 }
@@ -75,24 +77,26 @@ struct Comparison {
 
 impl<'a> SourcePictures<'a> {
     /// Pictures of a whole source.
-    pub(super) fn of(index: &SourceIndex<'a>, run: &'a Runner<'_>) -> Self {
-        run.time(StageId::Views, || Self::take(index.whole, &index.sphere, index.seed, run.cancellation()))
+    pub(super) fn of(index: &SourceIndex<'a>, params: &ViewParams, run: &'a Runner<'_>) -> Self {
+        run.time(StageId::Views, || {
+            let cameras = viewpoints(&index.sphere, VIEWS, index.seed.wrapping_add(OTHER_SEED));
+            Self::take(index.whole, cameras, (params.size as usize / 2).min(SIZE), run.cancellation())
+        })
     }
 
-    /// Takes the pictures of `model`, which fits the sphere; fewer if cancelled.
-    fn take(model: &'a Model, sphere: &BoundingSphere, seed: u64, cancellation: &'a Cancellation) -> Self {
+    /// Takes the pictures of a model, `size` pixels wide and high; fewer if cancelled.
+    fn take(model: &'a Model, cameras: Vec<Camera>, size: usize, cancellation: &'a Cancellation) -> Self {
         let sampler = SurfaceSampler::new(model);
         let view = |renderer: &mut Renderer<'_>, camera: Camera| {
             let images = [Light::Head, Light::None].map(|light| renderer.draw(&camera, light));
-            let material = |i| Some(model.surface.material[renderer.solid_triangle(i % SIZE, i / SIZE)?]);
-            let materials = (0..SIZE * SIZE).map(material).collect();
+            let material = |i| Some(model.surface.material[renderer.solid_triangle(i % size, i / size)?]);
+            let materials = (0..size * size).map(material).collect();
             let [lit, unlit] = images;
             SourceView { camera, images: [unlit, lit], materials }
         };
-        let cameras = viewpoints(sphere, VIEWS, seed.wrapping_add(OTHER_SEED));
         let cameras = cameras.into_par_iter().filter(|_| !cancellation.is_cancelled());
-        let views = cameras.map_init(|| Renderer::new(&sampler, SIZE, 2), view).collect();
-        Self { model, views, cancellation }
+        let views = cameras.map_init(|| Renderer::new(&sampler, size, 2), view).collect();
+        Self { model, size, views, cancellation }
     }
 
     /// The source has normal maps.
@@ -108,7 +112,7 @@ impl<'a> SourcePictures<'a> {
             let images = [Light::None, Light::Head].map(|light| renderer.draw(&view.camera, light));
             self.compare_view(view, &images)
         };
-        let new = || Renderer::new(&sampler, SIZE, 2);
+        let new = || Renderer::new(&sampler, self.size, 2);
         let views = self.views.par_iter().filter(|_| !self.cancellation.is_cancelled());
         let compared: Vec<Comparison> = views.map_init(new, compare).collect();
         self.summary(&compared)
@@ -116,7 +120,7 @@ impl<'a> SourcePictures<'a> {
 
     fn compare_view(&self, view: &SourceView, level: &[Image; 2]) -> Comparison {
         let mut out = Comparison { materials: vec![[0; 2]; self.model.materials.len()], ..Comparison::default() };
-        for i in 0..SIZE * SIZE {
+        for i in 0..self.size * self.size {
             let [a, b] = [view.images[0].pixels[i][3], level[0].pixels[i][3]];
             if a == 0 && b == 0 {
                 continue;
@@ -191,6 +195,7 @@ fn over(difference: Vec4, background: f32) -> Vec3 {
 mod tests {
     use super::*;
     use crate::data::{Material, Surface};
+    use crate::geometry::BoundingSphere;
 
     /// Two squares side by side, of two materials.
     fn squares(colors: [f32; 2]) -> Model {
@@ -216,7 +221,8 @@ mod tests {
     fn compare(source: &Model, other: &Model) -> Likeness {
         let sphere = BoundingSphere::around(&source.surface.positions);
         let cancellation = Cancellation::default();
-        let [a, b] = [source, other].map(|model| SourcePictures::take(model, &sphere, 1, &cancellation));
+        let cameras = || viewpoints(&sphere, VIEWS, 1);
+        let [a, b] = [source, other].map(|model| SourcePictures::take(model, cameras(), SIZE, &cancellation));
         let views = a.views.iter().zip(&b.views).map(|(view, other)| a.compare_view(view, &other.images));
         a.summary(&views.collect::<Vec<_>>())
     }

@@ -74,7 +74,7 @@ pub fn bake(source: &Source<'_>, settings: &BakeSettings, context: &Context<'_>)
     preview::show(&prepared, &views, &params, shapes, &run)?;
     views.complete(shapes.solid.need_half_resolution, &params, &run);
     // Unwrap, skinning, texture, refine and maps.
-    let (source, pictures) = (&prepared, Some(&SourcePictures::of(&index, &run)));
+    let (source, pictures) = (&prepared, Some(&SourcePictures::of(&index, &params.views, &run)));
     let levels = Levels { source, views: &views, params: &params, shapes, pictures, warm_start: false, run: &run };
     let (levels, reports) = levels.make()?;
     let glb = export::export(&model, &levels, &params, &run)?;
