@@ -4,8 +4,8 @@ use glam::Vec4;
 
 use super::clear::{ClearLayer, transmission};
 use super::level_task::LevelTask;
-use super::likeness::{Likeness, SourcePictures};
-use super::report::{ClearReport, LevelReport, LevelTopology};
+use super::likeness::SourcePictures;
+use super::report::{ClearReport, LevelReport, LevelTopology, Likeness};
 use crate::data::{
     AlphaMode, Atlas, Influences, Level, LevelLayer, LevelMaterial, LevelMorph, Transmission, TriMesh, linear_to_srgb,
 };

@@ -2,8 +2,8 @@
 
 use glam::{Vec3, Vec4, Vec4Swizzles};
 use rayon::prelude::*;
-use serde::{Deserialize, Serialize};
 
+use super::report::{Likeness, WrongMaterial};
 use super::runner::Runner;
 use super::source::SourceIndex;
 use crate::data::{Level, Model};
@@ -24,28 +24,6 @@ const WRONG: f32 = 0.2;
 const LEAST_ERROR: f64 = 1e-10;
 /// Alpha of a pixel that counts to the silhouette.
 const COVERED: u8 = 128;
-
-/// How much a level looks like its source: means over views on black and on white.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Likeness {
-    /// PSNR in dB over the pixels that the level or the source touches, without light.
-    pub psnr: f32,
-    /// The same under a light at the camera.
-    pub psnr_lit: f32,
-    /// Intersection over union of the silhouettes, 0 to 1.
-    pub silhouette_iou: f32,
-    /// The material of the source with the most wrong pixels, if any are wrong.
-    pub worst: Option<WrongMaterial>,
-}
-
-/// A material of the source that a level shows wrongly.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct WrongMaterial {
-    /// Its name, or its number if it has none.
-    pub material: String,
-    /// Fraction of its pixels that are wrong, 0 to 1.
-    pub wrong: f32,
-}
 
 /// Pictures of a source, for comparison with those of its levels.
 pub(super) struct SourcePictures<'a> {
@@ -157,24 +135,6 @@ impl<'a> SourcePictures<'a> {
             WrongMaterial { material, wrong: wrong as f32 / all as f32 }
         });
         Likeness { psnr: psnr(0), psnr_lit: psnr(1), silhouette_iou: mean(&iou), worst }
-    }
-}
-
-impl Likeness {
-    /// What is wrong, in words, for a level of this number whose PSNR is below `bar`.
-    pub(super) fn warning(&self, level: u32, bar: f32) -> Option<String> {
-        if self.psnr >= bar {
-            return None;
-        }
-        let Self { psnr, silhouette_iou, worst, .. } = self;
-        let overlap = 100.0 * silhouette_iou;
-        let worst = worst.as_ref().map_or_else(String::new, |WrongMaterial { material, wrong }| {
-            format!(", and {:.0} % of the pixels of material '{material}' are wrong", 100.0 * wrong)
-        });
-        Some(format!(
-            "LOD{level} hardly looks like its source: {psnr:.1} dB, below `warn_below` ({bar:.1}); the silhouettes overlap \
-             by {overlap:.0} %{worst}"
-        ))
     }
 }
 

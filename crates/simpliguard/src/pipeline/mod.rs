@@ -40,7 +40,7 @@ use source::{PreparedSource, SourceIndex};
 use views::Views;
 
 pub use baked::Baked;
-pub use likeness::{Likeness, WrongMaterial};
+pub use report::{Likeness, WrongMaterial};
 pub use version::{OPT_LEVEL, PIPELINE_VERSION};
 
 /// Bakes levels of detail for one file.

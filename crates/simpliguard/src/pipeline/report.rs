@@ -2,7 +2,6 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::likeness::Likeness;
 use crate::data::{Deviation, Model, TriMesh};
 use crate::geometry::{Topology, self_intersecting};
 use crate::refine::Refined;
@@ -106,6 +105,46 @@ pub struct LevelReport {
     pub likeness: Option<Likeness>,
     /// What is wrong, in words, if the likeness is below `warn_below`. It is also among the report's notes.
     pub warning: Option<String>,
+}
+
+/// How much a level looks like its source: means over views on black and on white.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Likeness {
+    /// PSNR in dB over the pixels that the level or the source touches, without light.
+    pub psnr: f32,
+    /// The same under a light at the camera.
+    pub psnr_lit: f32,
+    /// Intersection over union of the silhouettes, 0 to 1.
+    pub silhouette_iou: f32,
+    /// The material of the source with the most wrong pixels, if any are wrong.
+    pub worst: Option<WrongMaterial>,
+}
+
+/// A material of the source that a level shows wrongly.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct WrongMaterial {
+    /// Its name, or its number if it has none.
+    pub material: String,
+    /// Fraction of its pixels that are wrong, 0 to 1.
+    pub wrong: f32,
+}
+
+impl Likeness {
+    /// What is wrong, in words, for a level of this number whose PSNR is below `bar`.
+    pub(super) fn warning(&self, level: u32, bar: f32) -> Option<String> {
+        if self.psnr >= bar {
+            return None;
+        }
+        let Self { psnr, silhouette_iou, worst, .. } = self;
+        let overlap = 100.0 * silhouette_iou;
+        let worst = worst.as_ref().map_or_else(String::new, |WrongMaterial { material, wrong }| {
+            format!(", and {:.0} % of the pixels of material '{material}' are wrong", 100.0 * wrong)
+        });
+        Some(format!(
+            "LOD{level} hardly looks like its source: {psnr:.1} dB, below `warn_below` ({bar:.1}); the silhouettes overlap \
+             by {overlap:.0} %{worst}"
+        ))
+    }
 }
 
 /// The report of a clear layer of a level.
