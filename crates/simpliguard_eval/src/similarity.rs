@@ -4,14 +4,12 @@ use glam::{Vec3, Vec4Swizzles};
 use rayon::prelude::*;
 use simpliguard::data::Model;
 use simpliguard::geometry::BoundingSphere;
-use simpliguard::render::{Image, Light, Renderer, SurfaceSampler, viewpoints};
+use simpliguard::render::{Image, Light, Renderer, SurfaceSampler, decibels, viewpoints};
 
 /// Side of one view in pixels.
 const SIZE: usize = 512;
 /// Bakes take their views by a hash of the source; these are the same for all.
 const SEED: u64 = 0x5EED;
-/// Mean squared error of pictures that are alike.
-const LEAST_ERROR: f64 = 1e-10;
 /// Radius and standard deviation of the Gaussian window of SSIM, in pixels.
 const WINDOW: (usize, f32) = (5, 1.5);
 
@@ -65,10 +63,6 @@ fn on_white(image: &Image) -> Vec<Vec3> {
         pixel.xyz() + (1.0 - pixel.w)
     };
     (0..image.pixels.len()).map(white).collect()
-}
-
-fn decibels(error: f64) -> f64 {
-    -10.0 * error.max(LEAST_ERROR).log10()
 }
 
 /// Mean over the pixels of two planes of `size` x `size` values from 0 to 1.

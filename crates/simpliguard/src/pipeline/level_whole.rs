@@ -201,9 +201,8 @@ fn drop_useless_normal_map(level: &mut Level, pictures: &SourcePictures<'_>, lik
     if pictures.have_normal_maps() {
         return likeness;
     }
-    let (Some(map), tangents) = (level.textures.normal.take(), std::mem::take(&mut level.mesh.tangents)) else {
-        return likeness;
-    };
+    let Some(map) = level.textures.normal.take() else { return likeness };
+    let tangents = std::mem::take(&mut level.mesh.tangents);
     let without = pictures.compare(level);
     if without.psnr_lit >= likeness.psnr_lit {
         return without;

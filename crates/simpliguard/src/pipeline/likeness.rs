@@ -1,18 +1,20 @@
 //! How much a level looks like its source, from views that nothing was chosen by or fitted to.
 
-use glam::{Vec3, Vec4, Vec4Swizzles};
+use glam::Vec4;
 use rayon::prelude::*;
 
 use super::report::{Likeness, WrongMaterial};
 use super::runner::Runner;
 use super::source::SourceIndex;
 use crate::data::{Level, Model};
-use crate::render::{Camera, Image, Light, Renderer, SurfaceSampler, ViewParams, viewpoints};
+use crate::render::{
+    Camera, Image, Light, Renderer, SurfaceSampler, ViewParams, decibels, difference_over, viewpoints,
+};
 use crate::{Cancellation, StageId};
 
 /// Number of views.
 const VIEWS: usize = 8;
-/// Largest side of a view in pixels. Smaller views are half as large as those that the level was fitted to.
+/// Largest side of a view in pixels. It has half the side of the views that the level was fitted to, if that is smaller.
 const SIZE: usize = 256;
 /// Added to the seed of the views that stages are given.
 const OTHER_SEED: u64 = 3;
@@ -20,8 +22,6 @@ const OTHER_SEED: u64 = 3;
 const BACKGROUNDS: [f32; 2] = [0.0, 1.0];
 /// Error of a colour channel, 0 to 1 of the encoded scale, from which on a pixel is wrong.
 const WRONG: f32 = 0.2;
-/// Mean squared error of pictures that are alike.
-const LEAST_ERROR: f64 = 1e-10;
 /// Alpha of a pixel that counts to the silhouette.
 const COVERED: u8 = 128;
 
@@ -120,9 +120,7 @@ impl<'a> SourcePictures<'a> {
     fn summary(&self, views: &[Comparison]) -> Likeness {
         let count = views.len().max(1) as f64;
         let mean = |of: &dyn Fn(&Comparison) -> f64| (views.iter().map(of).sum::<f64>() / count) as f32;
-        let psnr = |light: usize| {
-            mean(&|view| -10.0 * libm::log10((view.errors[light] / view.touched.max(1) as f64).max(LEAST_ERROR)))
-        };
+        let psnr = |light: usize| mean(&|view| decibels(view.errors[light] / view.touched.max(1) as f64));
         let iou = |view: &Comparison| if view.either == 0 { 1.0 } else { view.both as f64 / view.either as f64 };
         let pixels = |m: usize| {
             let sum = |i: usize| views.iter().map(|view| view.materials[m][i]).sum::<usize>();
@@ -140,19 +138,18 @@ impl<'a> SourcePictures<'a> {
 
 /// Mean over the backgrounds and channels, for a difference of premultiplied colours.
 fn squared_error(difference: Vec4) -> f32 {
-    BACKGROUNDS.map(|b| over(difference, b).length_squared()).iter().sum::<f32>() / (3 * BACKGROUNDS.len()) as f32
+    BACKGROUNDS.map(|b| difference_over(difference, b).length_squared()).iter().sum::<f32>()
+        / (3 * BACKGROUNDS.len()) as f32
 }
 
 fn is_wrong(difference: Vec4) -> bool {
-    BACKGROUNDS.iter().any(|b| over(difference, *b).abs().max_element() > WRONG)
-}
-
-fn over(difference: Vec4, background: f32) -> Vec3 {
-    difference.xyz() - background * difference.w
+    BACKGROUNDS.iter().any(|b| difference_over(difference, *b).abs().max_element() > WRONG)
 }
 
 #[cfg(test)]
 mod tests {
+    use glam::Vec3;
+
     use super::*;
     use crate::data::{Material, Surface};
     use crate::geometry::BoundingSphere;

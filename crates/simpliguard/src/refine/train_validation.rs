@@ -10,7 +10,7 @@ use super::params::{Solver, TextureFit};
 use super::texture_adam::optimise_texture;
 use super::texture_least_squares::solve_texture;
 use crate::Cancellation;
-use crate::render::View;
+use crate::render::{View, decibels};
 
 /// One view in this many is held out for validation.
 const HELD_OUT: usize = 6;
@@ -83,7 +83,6 @@ impl<'a> TrainValidationSplit<'a> {
                 },
             )
             .collect();
-        let decibels = |e: &f64| -10.0 * libm::log10(e.max(1e-10));
-        (errors.iter().map(decibels).sum::<f64>() / errors.len().max(1) as f64) as f32
+        (errors.iter().copied().map(decibels).sum::<f64>() / errors.len().max(1) as f64) as f32
     }
 }

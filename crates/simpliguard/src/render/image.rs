@@ -42,6 +42,17 @@ impl Image {
     }
 }
 
+/// A difference of premultiplied colours, once both lie over a background of one encoded grey, 0 to 1.
+#[inline]
+pub(crate) fn difference_over(difference: Vec4, background: f32) -> Vec3 {
+    difference.xyz() - background * difference.w
+}
+
+/// PSNR in dB of a mean squared error of colours from 0 to 1; 100 for pictures that are alike.
+pub fn decibels(mean_squared_error: f64) -> f64 {
+    -10.0 * libm::log10(mean_squared_error.max(1e-10))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -18,7 +18,8 @@ mod view_renderer;
 
 pub use camera::{Camera, viewpoints};
 pub use dilate::{dilate, fill_unknown};
-pub use image::Image;
+pub(crate) use image::difference_over;
+pub use image::{Image, decibels};
 pub use opacity::{Opacity, alpha_range, shown_fraction};
 pub use raster::{EMPTY_PIXEL, Raster, Rect};
 pub use renderer::Renderer;

@@ -3,10 +3,10 @@
 //! With forward differences both are quadratic in the residual, so the gradient is a five-point stencil on it:
 //! `dL/dr = 2/n (I - lambda Laplace) (r - t)`.
 
-use glam::{Vec3, Vec4, Vec4Swizzles};
+use glam::{Vec4, Vec4Swizzles};
 
 use crate::refine::forward::FrameBuffers;
-use crate::render::{Image, Rect};
+use crate::render::{Image, Rect, difference_over};
 
 /// Weight of the squared coverage error against the squared errors of the three colours over the background.
 const COVERAGE_WEIGHT: f32 = 1.0;
@@ -49,7 +49,7 @@ impl ImageLoss {
         for y in frame.rect.rows() {
             for i in frame.span(y) {
                 let d = frame.image[i] - target.at(i);
-                self.residual[i] = over(d, background).extend(COVERAGE_WEIGHT * d.w);
+                self.residual[i] = difference_over(d, background).extend(COVERAGE_WEIGHT * d.w);
             }
         }
     }
@@ -83,7 +83,7 @@ pub(in crate::refine) fn squared_error(frame: &FrameBuffers, target: &Image, bac
     for y in frame.rect.rows() {
         for i in frame.span(y) {
             let d = frame.image[i] - target.at(i);
-            sum += f64::from(over(d, background).length_squared());
+            sum += f64::from(difference_over(d, background).length_squared());
         }
     }
     sum
@@ -102,14 +102,8 @@ pub(in crate::refine) fn squared_error_of_means(frame: &FrameBuffers, target: &I
     for y in rect.rows().step_by(2) {
         for x in rect.columns().step_by(2) {
             let four = difference(x, y) + difference(x + 1, y) + difference(x, y + 1) + difference(x + 1, y + 1);
-            sum += f64::from(over(four * 0.25, background).length_squared());
+            sum += f64::from(difference_over(four * 0.25, background).length_squared());
         }
     }
     sum
-}
-
-/// A difference of premultiplied colours, once both lie over a background.
-#[inline]
-fn over(difference: Vec4, background: f32) -> Vec3 {
-    difference.xyz() - background * difference.w
 }

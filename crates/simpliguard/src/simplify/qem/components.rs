@@ -33,9 +33,10 @@ impl Simplifier {
         }
     }
 
-    /// The mesh without the components that stand in the way of `target` faces. A lattice keeps many faces however far it is
-    /// collapsed, for its holes; the others would be collapsed to nothing beside it. Removed are those that have the least mass
-    /// for each face they keep. `None` if no component blocks, or a single one is left that does.
+    /// The mesh without the components that block a collapse to `target` faces. A lattice keeps faces around each of its
+    /// holes, however far it is collapsed. Beside it, the other components would collapse to nothing. The components with
+    /// the least mass for each face that they keep are removed first, and the best one stays. `None` if nothing blocks, or
+    /// if the best one blocks by itself.
     pub(crate) fn without_blocking_components(&self, target: usize) -> Option<Self> {
         let mut collapsed = self.clone();
         collapsed.collapse_without_flips(target);
