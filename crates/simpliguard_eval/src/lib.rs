@@ -1,5 +1,6 @@
 //! Pictures and figures of baked levels beside their source.
 
+pub mod compare;
 mod sheet;
 mod similarity;
 pub mod stress;
