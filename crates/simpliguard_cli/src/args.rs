@@ -1,6 +1,6 @@
 //! The command line.
 
-use std::num::NonZeroUsize;
+use std::num::{NonZeroU16, NonZeroUsize};
 use std::path::PathBuf;
 
 use clap::{Parser, Subcommand};
@@ -23,6 +23,7 @@ pub(crate) enum Command {
     Settings(SettingsArgs),
     Cache(CacheArgs),
     Inspect(InspectArgs),
+    Compare(CompareArgs),
 }
 
 /// Bake levels of detail into models.
@@ -126,6 +127,28 @@ pub(crate) struct InspectArgs {
     /// Print the stages of the pipeline in their order: version, weight in the progress, and purpose.
     #[arg(long, required = true)]
     pub(crate) pipeline: bool,
+    /// Print one JSON document to stdout.
+    #[arg(long)]
+    pub(crate) json: bool,
+}
+
+/// Compare levels with their source: how much they look like it, and how far they are from it.
+///
+/// Exit code 0: compared; 2: wrong usage, or a file that cannot be read.
+#[derive(clap::Args, Debug)]
+pub(crate) struct CompareArgs {
+    /// The source: a .glb or .gltf file.
+    pub(crate) source: PathBuf,
+    /// Files of levels, such as `lods/model_1000.glb`. Of an output with several levels, each is compared. Without any, the
+    /// source is an output itself, and its own levels are compared.
+    #[arg(value_name = "LEVEL")]
+    pub(crate) levels: Vec<PathBuf>,
+    /// Number of views, evenly spread around the source.
+    #[arg(long, value_name = "N", default_value = "80")]
+    pub(crate) views: NonZeroU16,
+    /// Also compare frames of the clips that both have.
+    #[arg(long)]
+    pub(crate) motion: bool,
     /// Print one JSON document to stdout.
     #[arg(long)]
     pub(crate) json: bool,

@@ -9,11 +9,13 @@ mod args;
 mod bake;
 mod boundary;
 mod cache;
+mod compare;
 mod console;
 mod error;
 mod inputs;
 mod inspect;
 mod interrupt;
+mod levels;
 mod output;
 mod pattern;
 mod plan;
@@ -36,6 +38,7 @@ pub fn run<T: Into<OsString> + Clone>(args: impl IntoIterator<Item = T>) -> Exit
         Command::Cache(args) => cache::run(&args),
         Command::Settings(args) => settings::run(&args).map(|()| true),
         Command::Inspect(args) => inspect::run(&args).map(|()| true),
+        Command::Compare(args) => compare::run(&args).map(|()| true),
     };
     match done {
         Ok(true) => ExitCode::SUCCESS,

@@ -2,6 +2,7 @@
 
 mod bake;
 mod cache;
+mod compare;
 mod folder;
 mod hostile;
 mod together;
