@@ -121,12 +121,21 @@ pub(crate) enum SettingsCommand {
     },
 }
 
-/// Print how this version bakes.
+/// Print what is in a model, the settings it is baked with, and whether the cache has its levels; or how this version
+/// bakes.
 #[derive(clap::Args, Debug)]
 pub(crate) struct InspectArgs {
+    /// A .glb or .gltf file: a source, or an output of `bake`.
+    #[arg(required_unless_present = "pipeline", conflicts_with = "pipeline")]
+    pub(crate) file: Option<PathBuf>,
     /// Print the stages of the pipeline in their order: version, weight in the progress, and purpose.
-    #[arg(long, required = true)]
+    #[arg(long)]
     pub(crate) pipeline: bool,
+    #[command(flatten)]
+    pub(crate) settings: SettingsSources,
+    /// The cache's folder; else $SIMPLIGUARD_CACHE_DIR, else `cache.dir` of the project, else the user's cache folder.
+    #[arg(long, value_name = "DIR")]
+    pub(crate) cache_dir: Option<PathBuf>,
     /// Print one JSON document to stdout.
     #[arg(long)]
     pub(crate) json: bool,

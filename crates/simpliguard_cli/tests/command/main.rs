@@ -5,5 +5,6 @@ mod cache;
 mod compare;
 mod folder;
 mod hostile;
+mod inspect;
 mod together;
 mod usage;

@@ -1,14 +1,11 @@
-//! `simpliguard inspect`: how the program bakes.
+//! The stages of the pipeline in the order in which they run.
 
 use serde::Serialize;
 use simpliguard::{PIPELINE_VERSION, STAGES, Stage};
 
-use crate::args::InspectArgs;
+use super::DOCUMENT_VERSION;
 use crate::error::UsageError;
-use crate::output::{columns, json_text, write_stdout};
-
-/// Version of the JSON document. It is raised when a field changes its meaning or is removed.
-const DOCUMENT_VERSION: u32 = 1;
+use crate::output::{columns, json_text};
 
 #[derive(Serialize)]
 struct Document {
@@ -17,20 +14,11 @@ struct Document {
     stages: &'static [Stage],
 }
 
-pub(crate) fn run(args: &InspectArgs) -> Result<(), UsageError> {
-    // So far there is nothing else to inspect.
-    debug_assert!(args.pipeline, "clap requires the flag");
-    let text = if args.json {
+pub(super) fn text(json: bool) -> Result<String, UsageError> {
+    if json {
         let (version, pipeline_version, stages) = (DOCUMENT_VERSION, PIPELINE_VERSION, &STAGES[..]);
-        json_text(&Document { version, pipeline_version, stages })?
-    } else {
-        stage_table()
-    };
-    write_stdout(&text)
-}
-
-/// The stages in the order in which they run.
-fn stage_table() -> String {
+        return json_text(&Document { version, pipeline_version, stages });
+    }
     let header = ["stage", "version", "weight", "runs", "purpose"].map(str::to_owned).to_vec();
     let row = |stage: &Stage| {
         let runs = if stage.per_level { "for each level" } else { "once" };
@@ -38,5 +26,5 @@ fn stage_table() -> String {
         vec![stage.id.to_string(), stage.version.to_string(), weight, runs.to_owned(), purpose]
     };
     let rows: Vec<_> = std::iter::once(header).chain(STAGES.iter().map(row)).collect();
-    columns(&rows, 1, true)
+    Ok(columns(&rows, 1, true))
 }

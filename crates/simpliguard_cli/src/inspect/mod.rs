@@ -1,0 +1,142 @@
+//! `simpliguard inspect`: what is in a model and what a bake of it would be, or how the program bakes.
+
+mod contents;
+mod document;
+mod pipeline;
+mod table;
+
+use std::path::Path;
+
+use serde::Serialize;
+use simpliguard::PIPELINE_VERSION;
+use simpliguard::gltf::{ImportLimits, import};
+use simpliguard_bake::{CachePlace, CachedBake, Parts, look_up};
+
+use self::contents::Contents;
+use self::document::Document;
+use crate::args::InspectArgs;
+use crate::console;
+use crate::error::UsageError;
+use crate::levels::levels_of;
+use crate::output::{json_text, write_stdout};
+use crate::project::{ModelSettings, SettingsLookup};
+use crate::source::SourceFile;
+
+/// Version of the JSON document. It is raised when a field changes its meaning or is removed.
+const DOCUMENT_VERSION: u32 = 1;
+
+/// What there is to say about a model.
+#[derive(Serialize)]
+struct Inspection {
+    version: u32,
+    pipeline_version: &'static str,
+    file: String,
+    /// Size of the file, without those that it refers to.
+    bytes: u64,
+    contents: Contents,
+    /// The levels in an output of `bake`.
+    levels: Vec<LevelSize>,
+    settings: Vec<Setting>,
+    result: BakedBefore,
+    /// What the import leaves out.
+    notes: Vec<String>,
+}
+
+/// A level in an output of `bake`, and what it takes up.
+#[derive(Serialize)]
+struct LevelSize {
+    level: u64,
+    budget: Option<u64>,
+    faces: Option<u64>,
+    error: Option<f64>,
+    /// Bytes of its vertices, indices and images in the file.
+    bytes: u64,
+    /// Bytes of its textures in memory, with mipmaps.
+    texture_memory: u64,
+}
+
+/// A setting that the model is baked with.
+#[derive(Serialize)]
+struct Setting {
+    name: &'static str,
+    value: String,
+    origin: String,
+}
+
+/// The result of a bake with these settings.
+#[derive(Serialize)]
+struct BakedBefore {
+    /// It stands for all bytes of the source, the settings and the version of the pipeline.
+    key: String,
+    cached: bool,
+    /// Of a result in the cache.
+    levels: Vec<CachedLevel>,
+}
+
+#[derive(Serialize)]
+struct CachedLevel {
+    level: u32,
+    budget: u32,
+    faces: u32,
+    error: f32,
+    psnr: Option<f32>,
+}
+
+pub(crate) fn run(args: &InspectArgs) -> Result<(), UsageError> {
+    let text = match &args.file {
+        Some(file) => {
+            let inspection = inspect(file, args)?;
+            if args.json { json_text(&inspection)? } else { table::text(&inspection) }
+        }
+        None => pipeline::text(args.json)?,
+    };
+    write_stdout(&text)
+}
+
+fn inspect(path: &Path, args: &InspectArgs) -> Result<Inspection, UsageError> {
+    let name = path.display().to_string();
+    let ModelSettings { resolved, cache } = SettingsLookup::new(&args.settings)?.of(path)?;
+    let resolved = resolved?;
+    let file = SourceFile::read(path, &name, cache.project())?;
+    let model = import(&file.source(), &ImportLimits::default())?;
+    let document = Document::new(&model);
+    let level = |level: &crate::levels::LevelNode| {
+        let (bytes, texture_memory) = level.mesh.map_or((0, 0), |mesh| document.size_of_mesh(mesh));
+        let crate::levels::LevelNode { level, budget, faces, error, .. } = *level;
+        LevelSize { level, budget, faces, error, bytes, texture_memory }
+    };
+    let explicit = CachePlace { dir: args.cache_dir.as_deref(), shared: None };
+    let cache = cache.open(explicit, |outside| console::warning(&outside.to_string()));
+    let bake = CachedBake::new(file.source(), &resolved.settings, Parts::Combined, cache.as_ref())?;
+    Ok(Inspection {
+        version: DOCUMENT_VERSION,
+        pipeline_version: PIPELINE_VERSION,
+        bytes: file.source().bytes.len() as u64,
+        contents: Contents::of(&model, &document),
+        levels: levels_of(&model.document.json).iter().map(level).collect(),
+        settings: resolved
+            .effective()
+            .map(|e| Setting { name: e.name, value: e.value, origin: e.origin.to_string() })
+            .collect(),
+        result: BakedBefore::find(&bake, cache.as_ref()),
+        notes: model.notes.clone(),
+        file: name,
+    })
+}
+
+impl BakedBefore {
+    /// Looks a result up in the cache of this machine.
+    fn find(bake: &CachedBake<'_>, cache: Option<&simpliguard_cache::Cache>) -> Self {
+        let warn = |notice: simpliguard_bake::Notice| console::warning(&notice.to_string());
+        let found = cache.and_then(|cache| look_up(cache, &bake.key(), Parts::Combined, warn));
+        let level = |report: &simpliguard::LevelReport| CachedLevel {
+            level: report.level,
+            budget: report.budget,
+            faces: report.faces,
+            error: report.error,
+            psnr: report.likeness.as_ref().map(|likeness| likeness.psnr),
+        };
+        let levels = found.iter().flat_map(|result| &result.report.levels).map(level).collect();
+        Self { key: bake.key().to_string(), cached: found.is_some(), levels }
+    }
+}

@@ -1,0 +1,131 @@
+//! An inspection as text.
+
+use bytesize::ByteSize;
+
+use super::contents::{Clip, Contents, MaterialInfo, Mesh, Skin, TextureInfo};
+use super::{BakedBefore, Inspection, LevelSize, Setting};
+use crate::output::columns;
+
+/// Items of a list that are shown; `--json` has all of them.
+const MOST: usize = 20;
+
+pub(super) fn text(inspection: &Inspection) -> String {
+    let Inspection { file, bytes, contents, levels, settings, result, notes, pipeline_version, version: _ } =
+        inspection;
+    let mut out = format!("{file}: {}\n\n", ByteSize(*bytes));
+    out += &contents_text(contents);
+    if !levels.is_empty() {
+        let header = ["level", "budget", "faces", "error %", "file", "texture memory"];
+        out += &section("levels", &header, Align::Numbers, levels, level);
+    }
+    out += &section("settings", &["setting", "value", "origin"], Align::Words, settings, setting);
+    out += &result_text(result, pipeline_version);
+    notes.iter().for_each(|note| out += &format!("note: {note}\n"));
+    out
+}
+
+fn contents_text(contents: &Contents) -> String {
+    let Contents { triangles, vertices, scenes, nodes, meshes, materials, textures, skins, clips } = contents;
+    let mut out = format!(
+        "the default scene: {triangles} triangles, {vertices} vertices\nthe file: {scenes} scenes, {nodes} nodes, {} \
+         meshes, {} materials, {} textures, {} skins, {} clips\n\n",
+        meshes.len(),
+        materials.len(),
+        textures.len(),
+        skins.len(),
+        clips.len()
+    );
+    out += &list("meshes", &["mesh", "primitives", "morph targets"], Align::Numbers, meshes, mesh);
+    out += &list("materials", &["material", "alpha", "sides", "textures"], Align::Words, materials, material);
+    out += &list("textures", &["texture", "size", "memory"], Align::Numbers, textures, texture);
+    out += &list("skins", &["skin", "joints"], Align::Numbers, skins, skin);
+    out + &list("clips", &["clip", "seconds", "channels"], Align::Numbers, clips, clip)
+}
+
+fn result_text(BakedBefore { key, cached, levels }: &BakedBefore, pipeline_version: &str) -> String {
+    let found = if *cached { "the cache has it" } else { "not in the cache of this machine" };
+    let mut out = format!("result: key {key}, pipeline version {pipeline_version}: {found}\n");
+    if !levels.is_empty() {
+        let header = ["level", "budget", "faces", "error %", "PSNR"].map(str::to_owned).to_vec();
+        let row = |level: &super::CachedLevel| {
+            let psnr = level.psnr.map_or("-".to_owned(), |psnr| format!("{psnr:.1}"));
+            let error = format!("{:.2}", 100.0 * level.error);
+            vec![format!("LOD{}", level.level), level.budget.to_string(), level.faces.to_string(), error, psnr]
+        };
+        let rows: Vec<_> = std::iter::once(header).chain(levels.iter().map(row)).collect();
+        out += &columns(&rows, 1, false);
+    }
+    out
+}
+
+/// A list of the file; nothing if it is empty.
+fn list<T>(title: &str, header: &[&str], align: Align, items: &[T], row: impl Fn(usize, &T) -> Vec<String>) -> String {
+    if items.is_empty() {
+        return String::new();
+    }
+    let shown: Vec<(usize, &T)> = items.iter().enumerate().take(MOST).collect();
+    let text = section(title, header, align, &shown, |(i, item)| row(*i, item));
+    match items.len().saturating_sub(MOST) {
+        0 => text,
+        left => format!("{}\nand {left} more\n\n", text.trim_end_matches('\n')),
+    }
+}
+
+/// The side that the columns behind the first are aligned to.
+#[derive(Clone, Copy)]
+enum Align {
+    Words,
+    Numbers,
+}
+
+/// A table with an empty line behind it.
+fn section<T>(title: &str, header: &[&str], align: Align, items: &[T], row: impl Fn(&T) -> Vec<String>) -> String {
+    let left = match align {
+        Align::Words => header.len(),
+        Align::Numbers => 1,
+    };
+    let header = header.iter().map(|cell| (*cell).to_owned()).collect();
+    let rows: Vec<Vec<String>> = std::iter::once(header).chain(items.iter().map(row)).collect();
+    format!("{title}\n{}\n", columns(&rows, left, false))
+}
+
+/// The index of an item in its list, and its name.
+fn named(i: usize, name: &str) -> String {
+    if name.is_empty() { i.to_string() } else { format!("{i} {name}") }
+}
+
+fn mesh(i: usize, mesh: &Mesh) -> Vec<String> {
+    vec![named(i, &mesh.name), mesh.primitives.to_string(), mesh.morph_targets.to_string()]
+}
+
+fn material(i: usize, material: &MaterialInfo) -> Vec<String> {
+    let sides = if material.double_sided { "both" } else { "front" };
+    let textures: Vec<String> = material.textures.iter().map(usize::to_string).collect();
+    let textures = if textures.is_empty() { "-".to_owned() } else { textures.join(", ") };
+    vec![named(i, &material.name), material.alpha_mode.to_lowercase(), sides.to_owned(), textures]
+}
+
+fn texture(i: usize, texture: &TextureInfo) -> Vec<String> {
+    let size = texture.size.map_or("unreadable".to_owned(), |[width, height]| format!("{width} x {height}"));
+    vec![named(i, &texture.name), size, ByteSize(texture.memory).to_string()]
+}
+
+fn skin(i: usize, skin: &Skin) -> Vec<String> {
+    vec![named(i, &skin.name), skin.joints.to_string()]
+}
+
+fn clip(i: usize, clip: &Clip) -> Vec<String> {
+    let seconds = clip.seconds.map_or("-".to_owned(), |seconds| format!("{seconds:.2}"));
+    vec![named(i, &clip.name), seconds, clip.channels.to_string()]
+}
+
+fn level(level: &LevelSize) -> Vec<String> {
+    let number = |value: Option<u64>| value.map_or("-".to_owned(), |value| value.to_string());
+    let error = level.error.map_or("-".to_owned(), |error| format!("{:.2}", 100.0 * error));
+    let [bytes, memory] = [level.bytes, level.texture_memory].map(|bytes| ByteSize(bytes).to_string());
+    vec![format!("LOD{}", level.level), number(level.budget), number(level.faces), error, bytes, memory]
+}
+
+fn setting(setting: &Setting) -> Vec<String> {
+    vec![setting.name.to_owned(), setting.value.clone(), setting.origin.clone()]
+}

@@ -1,0 +1,63 @@
+//! What `inspect` says of a model.
+
+use crate::bake::quick;
+use crate::folder::{Folder, sphere, triangle};
+
+#[test]
+fn a_model_is_described_with_its_settings_and_their_origins() {
+    let folder = Folder::new()
+        .with("assets/a.glb", sphere(8))
+        .with("config/simpliguard.ron", "(rules: [(glob: \"a.glb\", settings: (texture_size: 256))])");
+    let run = folder.run(&["inspect", "assets/a.glb", "--faces", "40", "--json"]);
+    assert_eq!(run.code, 0, "{}", run.stderr);
+    let document = run.json();
+    let contents = &document["contents"];
+    assert_eq!((&contents["triangles"], &contents["nodes"]), (&120.into(), &1.into()));
+    assert_eq!(contents["meshes"][0]["primitives"], 1);
+    let setting = |name: &str| {
+        let all = document["settings"].as_array().expect("settings");
+        let found = all.iter().find(|setting| setting["name"] == name).expect("the setting");
+        (found["value"].as_str().expect("a value").to_owned(), found["origin"].as_str().expect("an origin").to_owned())
+    };
+    assert_eq!(setting("texture_size"), ("256".into(), "config/simpliguard.ron, rule \"a.glb\"".into()));
+    assert_eq!(setting("faces"), ("[40]".into(), "command line".into()));
+    assert_eq!((&document["result"]["cached"], &document["levels"]), (&false.into(), &serde_json::json!([])));
+    let text = folder.run(&["inspect", "assets/a.glb"]).stdout;
+    for part in ["120 triangles", "texture_size", "rule \"a.glb\"", "not in the cache of this machine"] {
+        assert!(text.contains(part), "'{part}' is not in\n{text}");
+    }
+}
+
+#[test]
+fn a_result_in_the_cache_and_the_levels_of_an_output_are_listed() {
+    let folder = Folder::new().with("ball.glb", sphere(16));
+    let settings = ["--faces", "50,100", "--set", "texture_size=64"];
+    let quickly = [&settings[..], &["--quality", "draft", "--set", "views=8", "--set", "view_size=128"]].concat();
+    let quickly = [&quickly[..], &["--set", "candidates=source"]].concat();
+    assert_eq!(quick(&folder, &["ball.glb", "--faces", "50,100"]).code, 0);
+    let source = folder.run(&[&["inspect", "ball.glb", "--json"], &quickly[..]].concat()).json();
+    assert_eq!(source["result"]["cached"], true, "{source}");
+    assert_eq!(source["result"]["levels"][1]["budget"], 100);
+    assert_eq!(source["result"]["key"].as_str().map(str::len), Some(64));
+
+    let run = folder.run(&["inspect", "lods/ball.glb", "--json"]);
+    assert_eq!(run.code, 0, "{}", run.stderr);
+    let output = run.json();
+    let bytes = |level: usize| output["levels"][level]["bytes"].as_u64().expect("a size");
+    assert!(bytes(0) > 50 * 6 && bytes(1) > bytes(0), "{output}");
+    let memory = |textures: u64| textures * 64 * 64 * 16 / 3;
+    let found = output["levels"][0]["texture_memory"].as_u64().expect("a size");
+    assert!((0..4).any(|textures| memory(textures) == found), "{found}");
+    let text = folder.run(&["inspect", "lods/ball.glb"]).stdout;
+    assert!(text.lines().any(|line| line.split_whitespace().take(2).eq(["LOD2", "100"])), "{text}");
+}
+
+#[test]
+fn a_file_or_the_pipeline_is_inspected() {
+    let folder = Folder::new().with("a.glb", triangle()).with("b.glb", "glTF");
+    assert_eq!(folder.run(&["inspect"]).code, 2);
+    assert_eq!(folder.run(&["inspect", "a.glb", "--pipeline"]).code, 2);
+    let run = folder.run(&["inspect", "b.glb"]);
+    assert_eq!(run.code, 2);
+    run.says("b.glb: import: ");
+}
