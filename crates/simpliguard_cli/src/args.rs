@@ -29,7 +29,8 @@ pub(crate) enum Command {
 /// Bake levels of detail into models.
 ///
 /// Every model becomes one binary glTF that holds the source and, behind it, its levels. Exit code 0: all baked; 1:
-/// some failed, the others are written; 2: wrong usage, nothing was baked; 130: interrupted.
+/// some failed, the others are written; 2: wrong usage, nothing was baked; 3: all are written, but a level misses a bar
+/// of `--gate`; 130: interrupted.
 #[derive(clap::Args, Debug)]
 pub(crate) struct BakeArgs {
     /// .glb and .gltf files, folders, or patterns such as `models/*.glb`. Folders are searched for both, except hidden folders and the output folder.
@@ -62,9 +63,29 @@ pub(crate) struct BakeArgs {
     /// Also write a turntable, `<stem>_turntable.png`: an animated PNG of the source and its levels.
     #[arg(long)]
     pub(crate) turntable: bool,
+    #[command(flatten)]
+    pub(crate) gate: GateArgs,
     /// Print one JSON document to stdout; everything else goes to stderr.
     #[arg(long)]
     pub(crate) json: bool,
+}
+
+/// Bars that every level must meet.
+#[derive(clap::Args, Clone, Debug, Default, PartialEq)]
+pub(crate) struct GateArgs {
+    /// Check every level, also of results from the cache: exit code 3 if one misses a bar. Its PSNR must be at least
+    /// `warn_below` of the model's settings, and meet the bars below. The files are written all the same.
+    #[arg(long)]
+    pub(crate) gate: bool,
+    /// Least `likeness.psnr` of the report, in dB.
+    #[arg(long, value_name = "DB", requires = "gate")]
+    pub(crate) min_psnr: Option<f32>,
+    /// Least `likeness.silhouette_iou` of the report, 0 to 1.
+    #[arg(long, value_name = "FRACTION", requires = "gate")]
+    pub(crate) min_silhouette_iou: Option<f32>,
+    /// Largest `deviation.percentile_95` of the report, as a fraction of the diagonal of the bounding box.
+    #[arg(long, value_name = "FRACTION", requires = "gate")]
+    pub(crate) max_deviation: Option<f32>,
 }
 
 /// Inspect and clean the cache.

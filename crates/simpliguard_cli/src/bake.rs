@@ -18,6 +18,7 @@ use simpliguard_bake::{BakeResult, CachePlace, CachedBake, Host, Notice, Outcome
 use simpliguard_cache::{Cache, Durability, can_write_in, read_bounded, remove_stale_temporaries, write_atomic};
 use simpliguard_eval::{TurntableError, contact_sheet, turntable};
 
+use crate::Exit;
 use crate::args::BakeArgs;
 use crate::console::{self, AssetProgress};
 use crate::error::UsageError;
@@ -30,8 +31,8 @@ use crate::summary::{self, JobReport, Written};
 /// The note of a result whose model is not there any more.
 const GONE: &str = "the model was deleted or renamed meanwhile; the result is that of the file as it was read";
 
-/// Bakes all models. Returns whether all succeeded.
-pub(crate) fn run(args: &BakeArgs) -> Result<bool, UsageError> {
+/// Bakes all models.
+pub(crate) fn run(args: &BakeArgs) -> Result<Exit, UsageError> {
     let result = bake_all(args);
     if let (Err(error), true) = (&result, args.json) {
         summary::print_refusal(error)?;
@@ -39,13 +40,13 @@ pub(crate) fn run(args: &BakeArgs) -> Result<bool, UsageError> {
     result
 }
 
-fn bake_all(args: &BakeArgs) -> Result<bool, UsageError> {
+fn bake_all(args: &BakeArgs) -> Result<Exit, UsageError> {
     let jobs = plan(args)?;
     let runner = Runner::new(args)?;
     let bake = |(number, job)| runner.bake(job, AssetProgress::new(number + 1, jobs.len(), &job.name));
     let reports: Vec<JobReport> = jobs.iter().enumerate().map(bake).collect();
     summary::print(&reports, args.json)?;
-    Ok(reports.iter().all(JobReport::succeeded))
+    Ok(summary::exit(&reports))
 }
 
 /// The state that all bakes of one run share.
@@ -117,10 +118,11 @@ impl<'a> Runner<'a> {
             if !job.input.exists() {
                 outcome.result.report.notes.push(GONE.to_owned());
             }
-            Ok((outcome, written))
+            let missed = self.args.gate.check(&outcome.result.report.levels, settings.warn_below);
+            Ok((outcome, written, missed))
         });
         let report = match result {
-            Ok((outcome, written)) => JobReport::done(job, outcome, written, start.elapsed()),
+            Ok((outcome, written, missed)) => JobReport::done(job, outcome, written, missed, start.elapsed()),
             Err(error) => JobReport::failed(job, error, start.elapsed()),
         };
         progress.finish(&report.line());

@@ -5,6 +5,7 @@ use serde::Serialize;
 use simpliguard_bake::CachePlace;
 use simpliguard_cache::{Amount, Cache, Collected, Usage};
 
+use crate::Exit;
 use crate::args::{CacheArgs, CacheCommand};
 use crate::console;
 use crate::error::UsageError;
@@ -35,8 +36,8 @@ enum Outcome {
     Failed(String),
 }
 
-/// Carries the command out. Returns whether all is well.
-pub(crate) fn run(args: &CacheArgs) -> Result<bool, UsageError> {
+/// Carries the command out.
+pub(crate) fn run(args: &CacheArgs) -> Result<Exit, UsageError> {
     let project = ProjectCache::of(args.project.as_deref())?;
     let explicit = CachePlace { dir: args.cache_dir.as_deref(), shared: None };
     let cache = project.open(explicit, |outside| console::warning(&outside.to_string()));
@@ -53,7 +54,7 @@ pub(crate) fn run(args: &CacheArgs) -> Result<bool, UsageError> {
     } else {
         write_stdout(&outcome.text(&cache))?;
     }
-    Ok(outcome.errors().next().is_none())
+    Ok(if outcome.errors().next().is_none() { Exit::Done } else { Exit::SomeFailed })
 }
 
 fn carry_out(command: CacheCommand, cache: &Cache) -> Outcome {

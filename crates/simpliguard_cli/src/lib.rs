@@ -1,7 +1,8 @@
 //! The `simpliguard` command: bakes levels of detail into glTF files.
 //!
-//! Exit codes of `bake`: 0 all baked, 1 some failed (the others are written), 2 wrong usage (nothing was baked), 130
-//! interrupted. Exit codes of `cache`: 0 done, 1 something is damaged or could not be done, 2 wrong usage.
+//! Exit codes of `bake`: 0 all baked, 1 some failed (the others are written), 2 wrong usage (nothing was baked), 3 a level
+//! misses a bar of the gate (all are written), 130 interrupted. Exit codes of `cache`: 0 done, 1 something is damaged or
+//! could not be done, 2 wrong usage.
 //!
 //! It is a library, so that other programs of the workspace can run the command without starting a process.
 
@@ -12,6 +13,7 @@ mod cache;
 mod compare;
 mod console;
 mod error;
+mod gate;
 mod inputs;
 mod inspect;
 mod interrupt;
@@ -36,16 +38,22 @@ pub fn run<T: Into<OsString> + Clone>(args: impl IntoIterator<Item = T>) -> Exit
     let done = match Args::parse_from(args).command {
         Command::Bake(args) => bake::run(&args),
         Command::Cache(args) => cache::run(&args),
-        Command::Settings(args) => settings::run(&args).map(|()| true),
-        Command::Inspect(args) => inspect::run(&args).map(|()| true),
-        Command::Compare(args) => compare::run(&args).map(|()| true),
+        Command::Settings(args) => settings::run(&args).map(|()| Exit::Done),
+        Command::Inspect(args) => inspect::run(&args).map(|()| Exit::Done),
+        Command::Compare(args) => compare::run(&args).map(|()| Exit::Done),
     };
-    match done {
-        Ok(true) => ExitCode::SUCCESS,
-        Ok(false) => ExitCode::from(1),
-        Err(error) => {
-            console::error(&error.to_string());
-            ExitCode::from(2)
-        }
-    }
+    let exit = done.unwrap_or_else(|error| {
+        console::error(&error.to_string());
+        Exit::WrongUsage
+    });
+    ExitCode::from(exit as u8)
+}
+
+/// Exit codes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Exit {
+    Done = 0,
+    SomeFailed = 1,
+    WrongUsage = 2,
+    GateFailed = 3,
 }

@@ -8,8 +8,10 @@ use serde::Serialize;
 use simpliguard::{LevelReport, Printable, Status};
 use simpliguard_bake::Outcome;
 
+use crate::Exit;
 use crate::console;
 use crate::error::UsageError;
+use crate::gate::Miss;
 use crate::output::{columns, json_text, write_stdout};
 use crate::plan::Job;
 
@@ -27,6 +29,8 @@ pub(crate) struct JobReport {
     cached: bool,
     error: Option<String>,
     levels: Vec<Level>,
+    /// The bars of the gate that levels miss. Null without `--gate`, and if nothing was written.
+    gate: Option<Vec<Miss>>,
     /// The contact sheet. Null if there is none.
     sheet: Option<String>,
     /// The turntable. Null if there is none.
@@ -65,7 +69,13 @@ struct Document<'a> {
 }
 
 impl JobReport {
-    pub(crate) fn done(job: &Job, outcome: Outcome, written: Written, elapsed: Duration) -> Self {
+    pub(crate) fn done(
+        job: &Job,
+        outcome: Outcome,
+        written: Written,
+        gate: Option<Vec<Miss>>,
+        elapsed: Duration,
+    ) -> Self {
         let (report, cached) = (outcome.result.report, outcome.is_cached);
         let mut paths = written.levels.into_iter().map(|path| path.display().to_string());
         let levels = report.levels.into_iter().map(|report| Level { report, path: paths.next() }).collect();
@@ -86,6 +96,7 @@ impl JobReport {
             cached,
             error: None,
             levels,
+            gate,
             sheet: written.sheet.map(|path| path.display().to_string()),
             turntable: written.turntable.map(|path| path.display().to_string()),
             notes: report.notes,
@@ -102,6 +113,7 @@ impl JobReport {
             cached: false,
             error: Some(error),
             levels: Vec::new(),
+            gate: None,
             sheet: None,
             turntable: None,
             notes: Vec::new(),
@@ -114,12 +126,20 @@ impl JobReport {
         self.error.is_none()
     }
 
+    /// The bars of the gate that its levels miss.
+    fn missed(&self) -> &[Miss] {
+        self.gate.as_deref().unwrap_or_default()
+    }
+
     /// The text for the console: one line, and one more for each note and each level that stopped early.
     pub(crate) fn line(&self) -> String {
         if let Some(error) = &self.error {
             return format!("failed\nerror: {}", Printable(error));
         }
         let mut text = format!("{} in {}", self.status.replace('_', " "), self.time());
+        for miss in self.missed() {
+            text += &format!("\nerror: {}", Printable(&miss.line(&self.input)));
+        }
         for note in &self.notes {
             text += &format!("\n  note: {}", Printable(note));
         }
@@ -143,6 +163,17 @@ impl JobReport {
         row.extend((0..levels).map(faces));
         row.push(self.time());
         row
+    }
+}
+
+/// The exit code of a run.
+pub(crate) fn exit(reports: &[JobReport]) -> Exit {
+    if !reports.iter().all(JobReport::succeeded) {
+        Exit::SomeFailed
+    } else if reports.iter().any(|report| !report.missed().is_empty()) {
+        Exit::GateFailed
+    } else {
+        Exit::Done
     }
 }
 
@@ -172,5 +203,7 @@ fn table(reports: &[JobReport]) -> String {
     let count = |test: &dyn Fn(&JobReport) -> bool| reports.iter().filter(|report| test(report)).count();
     let (failed, cached) = (count(&|report| !report.succeeded()), count(&|report| report.cached));
     let written = reports.len() - failed;
-    columns(&rows, 2, false) + &format!("{written} written, {cached} of them from the cache; {failed} failed\n")
+    let gated = count(&|report| !report.missed().is_empty());
+    let gate = if gated == 0 { String::new() } else { format!("; {gated} below the bars of the gate") };
+    columns(&rows, 2, false) + &format!("{written} written, {cached} of them from the cache; {failed} failed{gate}\n")
 }

@@ -4,6 +4,7 @@ mod bake;
 mod cache;
 mod compare;
 mod folder;
+mod gate;
 mod hostile;
 mod inspect;
 mod together;
