@@ -1,6 +1,8 @@
 //! The levels in an output of `bake`, by what their nodes say in `extras.simpliguard`.
 
-use serde_json::Value;
+use std::collections::BTreeSet;
+
+use serde_json::{Value, json};
 use simpliguard::data::Model;
 use simpliguard::gltf::{ImportLimits, import};
 use simpliguard::{Error, NoResources, Source, StageId};
@@ -22,56 +24,88 @@ pub(crate) struct LevelNode {
     pub(crate) error: Option<f64>,
     /// Its mesh.
     pub(crate) mesh: Option<usize>,
-    /// The scene that loads it alone.
-    scene: Option<usize>,
+    /// The node itself.
+    node: usize,
 }
 
 /// The levels of a document, the smallest first. None if it is no output of `bake`.
 pub(crate) fn levels_of(json: &Value) -> Vec<LevelNode> {
-    let list = |name: &str| json.get(name).and_then(Value::as_array).map(Vec::as_slice).unwrap_or_default();
-    let level = |node: &Value| {
+    let level = |(index, node): (usize, &Value)| {
         let own = node.get("extras")?.get("simpliguard")?;
         let number = own.get("level")?.as_u64()?;
-        let name = format!("LOD{number}");
-        let is_own = |scene: &Value| scene.get("name").and_then(Value::as_str) == Some(name.as_str());
         Some(LevelNode {
             level: number,
             budget: own.get("budget").and_then(Value::as_u64),
             faces: own.get("faces").and_then(Value::as_u64),
             error: own.get("error").and_then(Value::as_f64),
             mesh: node.get("mesh").and_then(Value::as_u64).map(|mesh| mesh as usize),
-            // Scenes of levels follow those of the source, which may have the same name.
-            scene: list("scenes").iter().rposition(is_own),
+            node: index,
         })
     };
-    let mut levels: Vec<LevelNode> = list("nodes").iter().filter_map(level).collect();
+    let nodes = json.get("nodes").and_then(Value::as_array).into_iter().flatten();
+    let mut levels: Vec<LevelNode> = nodes.enumerate().filter_map(level).collect();
     levels.sort_by_key(|level| level.level);
     levels
 }
 
 impl LevelNode {
-    /// Reads the level alone from the file that holds it.
+    /// Reads the level alone from the file that holds it, on the joints of the source, which its clips move.
     ///
     /// # Errors
-    /// Those of the import, and if the file has no scene of the level.
+    /// Those of the import, and if the file is no binary glTF.
     pub(crate) fn model(&self, name: &str, json: &Value, file: &[u8]) -> Result<Model, Error> {
-        let invalid = |found: String| Error::invalid(name, StageId::Import, found, "bake the model again");
-        let scene = self.scene.ok_or_else(|| invalid(format!("it has no scene LOD{}", self.level)))?;
-        let bytes = with_default_scene(json, file, scene)
-            .ok_or_else(|| invalid("it is no binary glTF, as every output of this program is".into()))?;
         let own = format!("{name}, LOD{}", self.level);
+        let bytes = self.alone(json).and_then(|json| with_json(&json, file)).ok_or_else(|| {
+            let found = "it is no binary glTF with a scene, as every output of this program is";
+            Error::invalid(&own, StageId::Import, found, "bake the model again")
+        })?;
         import(&Source { name: &own, bytes: &bytes, resources: &NoResources }, &ImportLimits::default())
+    }
+
+    /// The document with this level as the only mesh of its default scene.
+    fn alone(&self, json: &Value) -> Option<Value> {
+        let mut json = json.clone();
+        for (i, node) in json.get_mut("nodes")?.as_array_mut()?.iter_mut().enumerate() {
+            if i != self.node {
+                node.as_object_mut()?.remove("mesh");
+                node.as_object_mut()?.remove("skin");
+            }
+        }
+        let scene = json.get("scene").and_then(Value::as_u64).unwrap_or(0) as usize;
+        let mut roots = indices(json.get("scenes")?.get(scene)?, "nodes");
+        if !is_below(&json, &roots, self.node) {
+            roots.push(self.node);
+        }
+        *json.get_mut("scenes")?.get_mut(scene)? = json!({ "nodes": roots });
+        Some(json)
     }
 }
 
-/// A binary glTF with another default scene.
-fn with_default_scene(json: &Value, file: &[u8], scene: usize) -> Option<Vec<u8>> {
+/// A list of indices; empty if there is none.
+fn indices(object: &Value, name: &str) -> Vec<usize> {
+    let list = object.get(name).and_then(Value::as_array).into_iter().flatten();
+    list.filter_map(|index| usize::try_from(index.as_u64()?).ok()).collect()
+}
+
+/// Tells whether a node is one of `roots` or below one.
+fn is_below(json: &Value, roots: &[usize], node: usize) -> bool {
+    let (mut seen, mut left) = (BTreeSet::new(), roots.to_vec());
+    while let Some(next) = left.pop() {
+        if seen.insert(next) {
+            left.extend(
+                json.get("nodes").and_then(|nodes| nodes.get(next)).map(|n| indices(n, "children")).unwrap_or_default(),
+            );
+        }
+    }
+    seen.contains(&node)
+}
+
+/// A binary glTF with another JSON.
+fn with_json(json: &Value, file: &[u8]) -> Option<Vec<u8>> {
     let length = file.get(HEADER..HEADER + 4)?.try_into().ok().map(u32::from_le_bytes)? as usize;
     let kind = file.get(HEADER + 4..HEADER + CHUNK_HEADER)?;
     let rest = file.get((HEADER + CHUNK_HEADER).checked_add(length)?..).filter(|_| kind == JSON_CHUNK)?;
-    let mut json = json.clone();
-    json.as_object_mut()?.insert("scene".to_owned(), scene.into());
-    let mut text = serde_json::to_vec(&json).ok()?;
+    let mut text = serde_json::to_vec(json).ok()?;
     text.resize(text.len().next_multiple_of(4), b' ');
     let total = u32::try_from(HEADER + CHUNK_HEADER + text.len() + rest.len()).ok()?;
     let mut out = file.get(..8)?.to_vec();
@@ -90,32 +124,37 @@ mod tests {
     use super::*;
 
     #[test]
-    fn levels_are_found_by_their_nodes() {
+    fn levels_are_found_by_their_nodes_and_stand_alone() {
         let document = json!({
-            "scenes": [{"name": "LOD1"}, {"name": "LOD1"}, {"name": "LOD2"}],
+            "scenes": [{"nodes": [3]}],
             "nodes": [
                 {"mesh": 0, "extras": {"simpliguard": "other"}},
-                {"mesh": 7, "extras": {"simpliguard": {"level": 2, "budget": 20, "faces": 19, "error": 0.5}}},
+                {"mesh": 7, "skin": 1, "extras": {"simpliguard": {"level": 2, "budget": 20, "faces": 19, "error": 0.5}}},
                 {"extras": {"simpliguard": {"level": 1}}},
+                {"mesh": 5, "skin": 0, "children": [0, 2]},
             ],
         });
         let levels = levels_of(&document);
-        assert_eq!(
-            levels.iter().map(|l| (l.level, l.scene, l.mesh)).collect::<Vec<_>>(),
-            [(1, Some(1), None), (2, Some(2), Some(7))]
-        );
+        let found: Vec<_> = levels.iter().map(|l| (l.level, l.node, l.mesh)).collect();
+        assert_eq!(found, [(1, 2, None), (2, 1, Some(7))]);
         assert_eq!((levels[1].budget, levels[1].faces, levels[1].error), (Some(20), Some(19), Some(0.5)));
         assert!(levels_of(&json!({})).is_empty());
+        let alone = levels[1].alone(&document).expect("a scene");
+        assert_eq!(alone["scenes"][0]["nodes"], json!([3, 1]));
+        assert_eq!(alone["nodes"][3], json!({"children": [0, 2]}));
+        assert_eq!((&alone["nodes"][1], alone["nodes"][0].get("mesh")), (&document["nodes"][1], None));
+        // One that stands in the scene is not added again.
+        assert_eq!(levels[0].alone(&document).expect("a scene")["scenes"][0]["nodes"], json!([3]));
     }
 
     #[test]
-    fn only_the_default_scene_is_replaced() {
+    fn only_the_json_of_a_file_is_replaced() {
         let mut file = b"glTF\x02\0\0\0\x20\0\0\0\x04\0\0\0JSON{}  ".to_vec();
         file.extend(b"rest");
-        let out = with_default_scene(&json!({}), &file, 3).expect("a binary glTF");
+        let out = with_json(&json!({"scene": 3}), &file).expect("a binary glTF");
         assert_eq!(&out[20..32], b"{\"scene\":3} ");
         assert_eq!((&out[32..], u32::from_le_bytes([out[8], out[9], out[10], out[11]])), (&b"rest"[..], 36));
-        assert!(with_default_scene(&json!({}), b"{}", 0).is_none());
-        assert!(with_default_scene(&json!({}), b"glTF\x02\0\0\0\x20\0\0\0\xff\xff\xff\xffJSON", 0).is_none());
+        assert!(with_json(&json!({}), b"{}").is_none());
+        assert!(with_json(&json!({}), b"glTF\x02\0\0\0\x20\0\0\0\xff\xff\xff\xffJSON").is_none());
     }
 }
