@@ -7,7 +7,7 @@
 use divan::counter::ItemsCount;
 use divan::{Bencher, black_box};
 use glam::Vec3;
-use simpliguard::data::{Influences, Material, Model, Reconstruction, Surface, TriMesh};
+use simpliguard::data::{Cards, Influences, Material, Model, Reconstruction, Surface, TriMesh};
 use simpliguard::geometry::{BoundingSphere, Bvh};
 use simpliguard::reconstruct::reconstruct;
 use simpliguard::render::{Sampling, SurfaceSampler, take_views, viewpoints};
@@ -136,5 +136,9 @@ impl Tools for StillTools {
 
     fn split_at_joints(&self, mesh: &TriMesh, _: usize) -> TriMesh {
         mesh.clone()
+    }
+
+    fn shown(&self, _: &TriMesh, _: Option<&Cards>, points: &[(u32, Vec3)], _: &[f32]) -> Vec<bool> {
+        vec![true; points.len()]
     }
 }

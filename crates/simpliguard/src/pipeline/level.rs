@@ -24,8 +24,6 @@ use crate::{Error, StageId};
 const FITTED_SIZE: usize = 512;
 /// Difference of colours at which a pixel counts half in the final texture.
 const TRUST: f32 = 0.3;
-/// One texel in this many may be clear in a level that is not cut out.
-const CLEAR_TEXELS: usize = 20;
 
 impl Levels<'_> {
     /// Makes the levels side by side, and a report of each.
@@ -237,5 +235,5 @@ fn is_cut_out(shape: &Shape, samples: &[Option<SurfaceSample>]) -> bool {
         return true;
     }
     let clear = samples.iter().flatten().filter(|s| s.color.w < 0.5).count();
-    shape.candidate == Candidate::Source && CLEAR_TEXELS * clear > samples.iter().flatten().count()
+    shape.candidate == Candidate::Source && simplify::is_cut_out(clear, samples.iter().flatten().count())
 }

@@ -10,7 +10,7 @@ use crate::data::{Atlas, Cards, TriMesh, linear_to_srgb};
 use crate::refine::{TexelGrid, TextureFit};
 use crate::render::{SurfaceSample, fill_unknown};
 use crate::settings::InitialTexture;
-use crate::texture::{BakeTarget, Baker, TexelMap};
+use crate::texture::{BakeTarget, TexelMap};
 
 /// Encoded grey of a texture that is not made.
 const GREY: Vec4 = Vec4::new(0.5, 0.5, 0.5, 1.0);
@@ -37,9 +37,10 @@ impl<'a> LevelTexture<'a> {
         cards: Option<&Cards>,
         cancellation: &Cancellation,
     ) -> Vec<Option<SurfaceSample>> {
-        let index = self.source.index;
-        let baker = Baker { sampler: &index.sampler, bvh: &index.bvh, bounding_sphere: index.sphere };
-        baker.bake(&BakeTarget { mesh, atlas: self.atlas, texels: &self.texels, cards }, cancellation)
+        self.source
+            .index
+            .baker()
+            .bake(&BakeTarget { mesh, atlas: self.atlas, texels: &self.texels, cards }, cancellation)
     }
 
     /// Encoded colours with their gutters. With `alpha` the clear texels of a cut-out take the colour of their neighbours,

@@ -13,7 +13,7 @@ use crate::refine::{LowPoly, Refined};
 use crate::render::{SurfaceSample, fill_unknown};
 use crate::simplify::ClearShape;
 use crate::skinning::{self, SkinSource};
-use crate::texture::{self, BakeTarget, Baker, Channels, TexelMap};
+use crate::texture::{self, BakeTarget, Channels, TexelMap};
 
 /// Least fraction of a budget that needs no reason.
 const FULL_BUDGET: f64 = 0.98;
@@ -103,7 +103,7 @@ impl WholeLevel {
     fn add_clear(&mut self, task: &LevelTask<'_>, (layer, shape): (&ClearLayer<'_>, &ClearShape), atlas: &Atlas) {
         let (source, mesh) = (&layer.source, &shape.mesh);
         let index = source.index;
-        let baker = Baker { sampler: &index.sampler, bvh: &index.bvh, bounding_sphere: index.sphere };
+        let baker = index.baker();
         let texels = TexelMap::new(atlas, self.texels.size);
         let samples = baker.bake(&BakeTarget { mesh, atlas, texels: &texels, cards: None }, task.run.cancellation());
         let known: Vec<f32> = samples.iter().flatten().map(|s| s.color.w).collect();

@@ -1,15 +1,18 @@
 //! The imported source, prepared for the stages.
 
+use glam::Vec3;
+
 use super::params::{JointPlaneParams, Params};
 use super::runner::Runner;
 use crate::animation::Poses;
-use crate::data::{Influences, Model, Reconstruction, TriMesh};
+use crate::data::{Cards, Influences, Model, Reconstruction, TriMesh};
 use crate::geometry::{BoundingSphere, Bvh};
 use crate::reconstruct::reconstruct;
 use crate::render::{SurfaceSampler, View, ViewParams, ViewRenderer};
 use crate::settings::JointSplitting;
 use crate::simplify::{DeviationMetric, Importance, Inputs, OpaqueSurface, Tools};
 use crate::skinning::{self, JointPlane, SkinSource, Transfer};
+use crate::texture::{Baker, Texel};
 use crate::{Cancellation, Error, Source, StageId, content_hash};
 
 /// Structures over a model that borrow nothing but the model.
@@ -45,6 +48,11 @@ impl<'a> SourceIndex<'a> {
         let hash = content_hash(source.bytes);
         let seed = hash.as_bytes()[..8].iter().fold(0u64, |seed, &byte| seed << 8 | u64::from(byte));
         Ok(Self { model, whole, sphere: BoundingSphere::around(&surface.positions), sampler, poses, bvh, opaque, seed })
+    }
+
+    /// Samples the source for the texels of a level.
+    pub(crate) fn baker(&self) -> Baker<'_> {
+        Baker { sampler: &self.sampler, bvh: &self.bvh, bounding_sphere: self.sphere }
     }
 
     /// Renders views of the source.
@@ -131,5 +139,10 @@ impl Tools for StageTools<'_> {
     fn split_at_joints(&self, mesh: &TriMesh, most: usize) -> TriMesh {
         let PreparedSource { index, joint_planes, .. } = self.source;
         skinning::split_along(index.model, mesh, &self.influences(mesh), joint_planes, most).mesh
+    }
+
+    fn shown(&self, mesh: &TriMesh, cards: Option<&Cards>, points: &[(u32, Vec3)], areas: &[f32]) -> Vec<bool> {
+        let texel = |&(triangle, barycentric): &(u32, Vec3)| Texel { triangle, barycentric };
+        self.source.index.baker().shown(mesh, cards, &points.iter().map(texel).collect::<Vec<_>>(), areas)
     }
 }

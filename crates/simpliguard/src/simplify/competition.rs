@@ -14,6 +14,10 @@ use crate::{Error, StageId};
 /// handles that block a collapse.
 const SPARE_RESOLUTIONS: [u32; 3] = [96, 64, 32];
 
+/// The source's own triangles replace cards if the error of the cards is this many times theirs. The score does not know
+/// that leaves on cards grow to the area of the source's leaves.
+const CLEARLY_BETTER: f64 = 1.25;
+
 /// Generates the shapes of one candidate, as [`super::generate`] does, or reads them from the store.
 pub type Generate<'a> = &'a (dyn Fn(Candidate) -> Result<Vec<Shape>, Error> + Sync);
 
@@ -52,6 +56,24 @@ impl<'a> Competition<'a> {
         }
         let found: Option<Vec<Shape>> = selections.into_iter().map(Selection::into_best).collect();
         found.ok_or_else(|| self.no_shape())
+    }
+
+    /// For foliage: the cards for each budget compete with the source's own triangles, by their pictures alone. The distance
+    /// of a card to its leaves says nothing, and a reconstruction is a blob.
+    ///
+    /// # Errors
+    /// If cancelled.
+    pub(super) fn run_with_cards(&self, mut cards: Vec<Shape>) -> Result<Vec<Shape>, Error> {
+        let mut selections = self.empty_selections();
+        if self.params.candidates.source {
+            self.add(&[Candidate::Source], &mut selections)?;
+        }
+        cards.par_iter_mut().for_each(|shape| self.scorer.score(self.inputs, shape));
+        let better = |(cards, selection): (Shape, Selection)| match selection.into_best() {
+            Some(source) if source.render_error * CLEARLY_BETTER < cards.render_error => source,
+            _ => cards,
+        };
+        Ok(cards.into_iter().zip(selections).map(better).collect())
     }
 
     fn empty_selections(&self) -> Vec<Selection> {

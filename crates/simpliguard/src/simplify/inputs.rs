@@ -1,11 +1,13 @@
 //! The inputs of the stage: the source, its views, and the work of other stages.
 
+use glam::Vec3;
+
 use super::deviation::DeviationMetric;
 use super::importance::Importance;
 use super::opaque::OpaqueSurface;
 use crate::Cancellation;
 use crate::animation::{Motions, Poses};
-use crate::data::{Influences, Model, Reconstruction, TriMesh};
+use crate::data::{Cards, Influences, Model, Reconstruction, TriMesh};
 use crate::geometry::{BoundingSphere, Bvh};
 use crate::render::View;
 
@@ -48,6 +50,10 @@ pub trait Tools: Sync {
 
     /// `mesh` with its faces split along the joint planes, within `most` faces.
     fn split_at_joints(&self, mesh: &TriMesh, most: usize) -> TriMesh;
+
+    /// For each point of a mesh, true if the source is not cut out there. A point is a face and barycentric coordinates;
+    /// `areas` has the area that a point of each face stands for.
+    fn shown(&self, mesh: &TriMesh, cards: Option<&Cards>, points: &[(u32, Vec3)], areas: &[f32]) -> Vec<bool>;
 }
 
 impl Inputs<'_> {

@@ -46,6 +46,7 @@ pub use importance::{Importance, ImportanceParams};
 pub use inputs::{Inputs, Tools};
 pub use opaque::OpaqueSurface;
 pub use params::{CandidateParams, CollapseParams, SimplifyParams};
+pub use score::is_cut_out;
 pub use shape::{Shape, Shortfall};
 
 /// Finds the best shape for each budget, in the order of the budgets.
@@ -54,9 +55,10 @@ pub use shape::{Shape, Shortfall};
 /// If cancelled, or if no candidate meets a budget.
 pub fn simplify(inputs: &Inputs<'_>, params: &SimplifyParams, generate: Generate<'_>) -> Result<Vec<Shape>, Error> {
     let foliage = params.candidates.cards.then(|| cards::shapes(inputs, params)).flatten();
+    let competition = Competition::new(inputs, params, generate);
     let mut shapes = match foliage {
-        Some(shapes) => shapes,
-        None => Competition::new(inputs, params, generate).run()?,
+        Some(cards) => competition.run_with_cards(cards)?,
+        None => competition.run()?,
     };
     inputs.cancellation.check(&inputs.model.name)?;
     for shape in &mut shapes {

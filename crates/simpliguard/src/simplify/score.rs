@@ -4,13 +4,13 @@
 //! pixels there, over all views. Every cell is painted with its best colour. The remaining difference, with the pixels
 //! in which the silhouettes disagree, is the error that no texture of that resolution removes.
 
-use glam::{Vec4, Vec4Swizzles};
+use glam::{Vec3, Vec4, Vec4Swizzles};
 use rayon::prelude::*;
 
 use super::inputs::Inputs;
 use super::shape::Shape;
 use crate::animation::Motions;
-use crate::data::TriMesh;
+use crate::data::{AlphaMode, Candidate, Material, TriMesh};
 use crate::geometry::self_intersection;
 use crate::render::raster::{barycentric_at, barycentric_coefficients, pixel_to_ndc};
 use crate::render::{EMPTY_PIXEL, Raster, View};
@@ -23,6 +23,14 @@ const CELLS: f32 = 65_536.0;
 const MOST_ALONG: u32 = 256;
 /// Weight of the squared coverage error against those of the three colours.
 const COVERAGE_WEIGHT: f32 = 1.5;
+
+/// A level that may be cut out is so if more than one point in this many is clear.
+const CLEAR_POINTS: usize = 20;
+
+/// True if a level of the source's own triangles is a cut-out: a good fraction of its points, or texels, is clear.
+pub fn is_cut_out(clear: usize, points: usize) -> bool {
+    CLEAR_POINTS * clear > points
+}
 
 /// Scores shapes by one view in [`VIEW_STRIDE`].
 pub(super) struct Scorer<'a> {
@@ -41,7 +49,7 @@ impl<'a> Scorer<'a> {
     /// Sets the render error, the deviation and the number of self-intersecting faces of a shape.
     pub(super) fn score(&self, inputs: &Inputs<'_>, shape: &mut Shape) {
         let motions = inputs.motions(&shape.mesh);
-        shape.render_error = self.render_error(&Painter::new(&shape.mesh, &motions, shape.double_sided));
+        shape.render_error = self.render_error(&Painter::new(inputs, shape, &motions));
         shape.deviation = inputs.deviation_metric.measure(&shape.mesh);
         shape.self_intersecting = self_intersection::count(&shape.mesh);
     }
@@ -85,10 +93,18 @@ struct Painter<'a> {
     sides: Vec<u32>,
     /// The first cell of each face, followed by the number of all cells.
     first: Vec<u32>,
+    /// For each cell, true if it is not cut out. Empty if none is.
+    shown: Vec<bool>,
 }
 
 impl<'a> Painter<'a> {
-    fn new(mesh: &'a TriMesh, motions: &'a Motions, double_sided: bool) -> Self {
+    fn new(inputs: &Inputs<'_>, shape: &'a Shape, motions: &'a Motions) -> Self {
+        let mut painter = Self::opaque(&shape.mesh, motions, shape.double_sided);
+        painter.shown = painter.shown_cells(inputs, shape);
+        painter
+    }
+
+    fn opaque(mesh: &'a TriMesh, motions: &'a Motions, double_sided: bool) -> Self {
         let areas: Vec<f32> = (0..mesh.triangles.len()).map(|t| mesh.area_vector(t).length()).collect();
         let total = areas.iter().sum::<f32>().max(f32::MIN_POSITIVE);
         let side = |area: &f32| ((CELLS * area / total).sqrt() as u32).clamp(1, MOST_ALONG);
@@ -98,7 +114,31 @@ impl<'a> Painter<'a> {
             *sum += side * side;
             Some(*sum)
         }));
-        Self { mesh, motions, double_sided, sides, first }
+        Self { mesh, motions, double_sided, sides, first, shown: Vec::new() }
+    }
+
+    /// For each cell of cards, and of the source's own triangles if any of them is cut out, true if it is not cut out.
+    fn shown_cells(&self, inputs: &Inputs<'_>, shape: &Shape) -> Vec<bool> {
+        let is_masked = |m: &Material| matches!(m.alpha_mode, AlphaMode::Mask { .. });
+        let may_cut = shape.candidate == Candidate::Source && inputs.model.materials.iter().any(is_masked);
+        if shape.cards.is_none() && !may_cut {
+            return Vec::new();
+        }
+        let points: Vec<(u32, Vec3)> =
+            self.sides.iter().zip(0..).flat_map(|(&side, face)| cell_centres(face, side)).collect();
+        let area = |(t, &side): (usize, &u32)| 0.5 * self.mesh.area_vector(t).length() / (side * side) as f32;
+        let areas: Vec<f32> = self.sides.iter().enumerate().map(area).collect();
+        let shown = inputs.tools.shown(self.mesh, shape.cards.as_ref(), &points, &areas);
+        let clear = shown.iter().filter(|shown| !**shown).count();
+        let is_cut_out = shape.cards.is_some() || is_cut_out(clear, shown.len());
+        if is_cut_out { shown } else { Vec::new() }
+    }
+
+    /// The cell of a face at barycentric coordinates.
+    fn cell(&self, face: usize, b: Vec3) -> u32 {
+        let side = self.sides[face];
+        let along = |c: f32| ((c * side as f32) as u32).min(side - 1);
+        self.first[face] + along(b.x) * side + along(b.y)
     }
 
     fn cells(&self) -> usize {
@@ -110,13 +150,24 @@ impl<'a> Painter<'a> {
         let size = view.image.size;
         let mut clip = Vec::new();
         self.motions.project(&self.mesh.positions, &view.camera.view_projection, view.pose, &mut clip);
-        let mut raster = Raster::new(size);
-        raster.draw(&clip, &self.mesh.triangles, |_| self.double_sided);
         let coefficients: Vec<_> =
             self.mesh.triangles.iter().map(|t| barycentric_coefficients(t.map(|v| clip[v as usize]))).collect();
+        let cell = |t: usize, x: usize, y: usize| {
+            let (b, _) = barycentric_at(&coefficients[t], pixel_to_ndc(x, size), pixel_to_ndc(y, size));
+            self.cell(t, b)
+        };
+        let mut raster = Raster::new(size);
+        if self.shown.is_empty() {
+            raster.draw(&clip, &self.mesh.triangles, |_| self.double_sided);
+        } else {
+            let corners = raster.pixel_corners(&clip);
+            for (t, triangle) in self.mesh.triangles.iter().enumerate() {
+                let is_shown = |_, x, y| self.shown[cell(t, x, y) as usize];
+                raster.draw_tested(t, triangle.map(|v| corners[v as usize]), true, is_shown);
+            }
+        }
         let mut covered = Vec::new();
         for y in 0..size {
-            let ndc_y = pixel_to_ndc(y, size);
             for x in 0..size {
                 let i = y * size + x;
                 let id = raster.ids[i];
@@ -126,11 +177,7 @@ impl<'a> Painter<'a> {
                     }
                     continue;
                 }
-                let (b, _) = barycentric_at(&coefficients[id as usize], pixel_to_ndc(x, size), ndc_y);
-                let side = self.sides[id as usize];
-                let along = |c: f32| ((c * side as f32) as u32).min(side - 1);
-                let cell = self.first[id as usize] + along(b.x) * side + along(b.y);
-                covered.push(CoveredPixel { pixel: i as u32, cell });
+                covered.push(CoveredPixel { pixel: i as u32, cell: cell(id as usize, x, y) });
             }
         }
         covered
@@ -169,18 +216,69 @@ impl<'a> Painter<'a> {
     }
 }
 
+/// The face and the barycentric coordinates of the centre of each cell, in the order of the cells. Cells beyond the face's
+/// third edge are mirrored into it.
+fn cell_centres(face: u32, side: u32) -> impl Iterator<Item = (u32, Vec3)> {
+    (0..side * side).map(move |cell| {
+        let [x, y] = [cell / side, cell % side].map(|i| (i as f32 + 0.5) / side as f32);
+        let over = (x + y - 1.0).max(0.0);
+        let (x, y) = (x - over, y - over);
+        (face, Vec3::new(x, y, 1.0 - x - y))
+    })
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
-    use glam::Vec3;
+    use crate::data::{Model, Surface};
+    use crate::geometry::BoundingSphere;
+    use crate::render::{Camera, Sampling, SurfaceSampler, take_views};
 
     #[test]
     fn faces_have_cells_by_their_area() {
         let positions = vec![Vec3::ZERO, Vec3::X, Vec3::Y, 4.0 * Vec3::X, 4.0 * Vec3::Y];
         let mesh = TriMesh { positions, triangles: vec![[0, 1, 2], [0, 3, 4], [0, 1, 1]] };
         let motions = Motions::default();
-        let painter = Painter::new(&mesh, &motions, false);
+        let painter = Painter::opaque(&mesh, &motions, false);
         assert_eq!((painter.sides[0], painter.sides[1], painter.sides[2]), (62, 248, 1));
         assert_eq!(painter.cells(), 62 * 62 + 248 * 248 + 1);
+    }
+    #[test]
+    fn the_centre_of_each_cell_lies_in_it_or_on_the_edge() {
+        let positions = vec![Vec3::ZERO, Vec3::X, Vec3::Y];
+        let mesh = TriMesh { positions, triangles: vec![[0, 1, 2]] };
+        let motions = Motions::default();
+        let painter = Painter::opaque(&mesh, &motions, false);
+        let side = painter.sides[0];
+        for (cell, (face, b)) in (0..).zip(cell_centres(0, side)) {
+            assert!(face == 0 && b.min_element() > -1e-6 && (b.element_sum() - 1.0).abs() < 1e-6, "{b}");
+            let is_inside = cell / side + cell % side + 1 < side;
+            assert!(!is_inside || painter.cell(0, b) == cell, "{cell} {b}");
+        }
+    }
+
+    #[test]
+    fn what_is_cut_out_of_a_face_covers_no_pixel() {
+        let positions = vec![Vec3::new(-1.0, -1.0, 0.0), Vec3::new(1.0, -1.0, 0.0), Vec3::new(0.0, 1.0, 0.0)];
+        let surface = Surface { positions, triangles: vec![[0, 1, 2]], material: vec![0], ..Surface::default() };
+        let model = Model { surface, materials: vec![Material::default()], ..Model::empty("leaf") };
+        let camera = Camera::orbit(&BoundingSphere::around(&model.surface.positions), Vec3::Z, 0.6, 1.0);
+        let sampler = SurfaceSampler::new(&model);
+        let view = &take_views(&sampler, &[camera], Sampling::antialiased(32))[0];
+        let mesh = TriMesh { positions: model.surface.positions.clone(), triangles: vec![[0, 1, 2]] };
+        let motions = Motions::default();
+        let mut painter = Painter::opaque(&mesh, &motions, false);
+        let shown =
+            |painter: &Painter<'_>| painter.covered_pixels(view).iter().filter(|pixel| pixel.cell != NO_CELL).count();
+        let whole = shown(&painter);
+        painter.shown = vec![true; painter.cells()];
+        assert_eq!(shown(&painter), whole);
+        // What is nearer to the first corner than the opposite edge is: a triangle of half the height.
+        let side = painter.sides[0];
+        painter.shown = (0..painter.cells() as u32).map(|cell| cell / side >= side / 2).collect();
+        let part = shown(&painter) as f32 / whole as f32;
+        assert!((part - 0.25).abs() < 0.05, "{part}");
+        painter.shown = vec![false; painter.cells()];
+        assert_eq!(shown(&painter), 0);
     }
 }

@@ -16,6 +16,10 @@ use crate::render::{SurfaceSample, SurfaceSampler};
 const RAY_DISTANCE: f32 = 0.03;
 /// Ray distance on a card, as a multiple of the reach of the leaves that it shows.
 const CARD_RAY_DISTANCE: f32 = 1.01;
+/// Alpha from which on a point is not cut out.
+const OPAQUE: f32 = 0.5;
+/// Fewest points that are sampled in one task.
+const POINTS_PER_TASK: usize = 1024;
 
 /// Samples one source for the texels of its levels.
 #[derive(Clone, Copy)]
@@ -56,26 +60,54 @@ impl Baker<'_> {
     }
 
     fn sample_texels(&self, target: &BakeTarget<'_>, cancellation: &Cancellation) -> Vec<Option<SurfaceSample>> {
-        let BakeTarget { mesh, texels, cards, .. } = *target;
-        let normals = mesh.vertex_normals();
         let areas = texel_areas(target);
-        let ray_distance = RAY_DISTANCE * self.bounding_sphere.radius;
+        let level = LevelSurface::new(target.mesh, target.cards);
         let sample = |texel: &Option<Texel>| {
             let texel = texel.filter(|_| !cancellation.is_cancelled())?;
-            let face = texel.triangle as usize;
-            let position = texel.interpolate(&mesh.triangles, &mesh.positions);
-            let normal = texel.interpolate(&mesh.triangles, &normals).normalize_or(Vec3::Y);
-            let group = cards.map(|cards| (cards, cards.group[face]));
-            let probe = Probe { sampler: self.sampler, bvh: self.bvh, ray_distance, area: areas[face], group };
-            match group {
-                Some((cards, card)) if card != NO_CARD => {
-                    let ray_distance = cards.reach[card as usize] * CARD_RAY_DISTANCE;
-                    Some(Probe { ray_distance, ..probe }.sample_card(position, normal))
-                }
-                _ => probe.sample_surface(position, normal),
-            }
+            self.sample(&level, &texel, areas[texel.triangle as usize])
         };
-        texels.texels.par_iter().with_min_len(texels.size).map(sample).collect()
+        target.texels.texels.par_iter().with_min_len(target.texels.size).map(sample).collect()
+    }
+
+    /// For each point of a level, true if the source is not cut out there. `areas` has the area that a point of each face
+    /// stands for.
+    pub fn shown(&self, mesh: &TriMesh, cards: Option<&Cards>, points: &[Texel], areas: &[f32]) -> Vec<bool> {
+        let level = LevelSurface::new(mesh, cards);
+        let is_shown = |point: &Texel| {
+            let sample = self.sample(&level, point, areas[point.triangle as usize]);
+            sample.is_some_and(|sample| sample.color.w >= OPAQUE)
+        };
+        points.par_iter().with_min_len(POINTS_PER_TASK).map(is_shown).collect()
+    }
+
+    /// The source at one point of a level, for a texel that stands for `area`.
+    fn sample(&self, level: &LevelSurface<'_>, texel: &Texel, area: f32) -> Option<SurfaceSample> {
+        let LevelSurface { mesh, normals, cards } = level;
+        let ray_distance = RAY_DISTANCE * self.bounding_sphere.radius;
+        let position = texel.interpolate(&mesh.triangles, &mesh.positions);
+        let normal = texel.interpolate(&mesh.triangles, normals).normalize_or(Vec3::Y);
+        let group = cards.map(|cards| (cards, cards.group[texel.triangle as usize]));
+        let probe = Probe { sampler: self.sampler, bvh: self.bvh, ray_distance, area, group };
+        match group {
+            Some((cards, card)) if card != NO_CARD => {
+                let ray_distance = cards.reach[card as usize] * CARD_RAY_DISTANCE;
+                Some(Probe { ray_distance, ..probe }.sample_card(position, normal))
+            }
+            _ => probe.sample_surface(position, normal),
+        }
+    }
+}
+
+/// The surface of a level.
+struct LevelSurface<'a> {
+    mesh: &'a TriMesh,
+    normals: Vec<Vec3>,
+    cards: Option<&'a Cards>,
+}
+
+impl<'a> LevelSurface<'a> {
+    fn new(mesh: &'a TriMesh, cards: Option<&'a Cards>) -> Self {
+        Self { mesh, normals: mesh.vertex_normals(), cards }
     }
 }
 

@@ -8,7 +8,7 @@
 
 use glam::{Mat3, Vec3};
 
-use crate::data::{Candidate, Cards, NO_CARD, TriMesh, bounds};
+use crate::data::{AlphaMode, Candidate, Cards, NO_CARD, TriMesh, bounds};
 use crate::geometry::{face_components, group_by_component};
 use crate::simplify::budgets::simplify_to_budgets;
 use crate::simplify::inputs::Inputs;
@@ -19,14 +19,16 @@ use crate::simplify::{visibility, weld};
 
 /// Largest extent of a leaf, as a fraction of the radius of the bounding sphere.
 const LEAF_SIZE: f32 = 0.25;
+/// The same of a cut-out, which may show a twig with its leaves.
+const TWIG_SIZE: f32 = 0.6;
 /// Largest thickness of a leaf, as a fraction of its middle extent.
 const LEAF_THICKNESS: f32 = 0.35;
 /// Fewest leaves of a foliage.
 const LEAVES: usize = 300;
 /// Least fraction of the visible pixels that leaves cover.
 const LEAF_PIXELS: f64 = 0.25;
-/// Fraction of the budget for the rest of the source.
-const TRUNK: f64 = 0.3;
+/// Least and largest fraction of the budget for the rest of the source. Between them, it is its fraction of the pixels.
+const TRUNK: [f64; 2] = [0.12, 0.3];
 
 /// A source divided into leaves and a trunk, which is all the rest.
 struct Foliage {
@@ -39,17 +41,14 @@ struct Foliage {
     is_leaf: Vec<bool>,
     /// Number of pixels that each triangle covers, over all views.
     pixels: Vec<u32>,
+    /// Fraction of the budget for the trunk.
+    trunk_share: f64,
 }
 
 /// One shape for each budget if the source is foliage, else `None`.
 pub(crate) fn shapes(inputs: &Inputs<'_>, params: &SimplifyParams) -> Option<Vec<Shape>> {
     let foliage = Foliage::find(inputs)?;
-    let shape = |&budget: &u32| {
-        let mut shape = foliage.shape(inputs, params, budget);
-        shape.deviation = inputs.deviation_metric.measure(&shape.mesh);
-        shape
-    };
-    Some(params.budgets.iter().map(shape).collect())
+    Some(params.budgets.iter().map(|&budget| foliage.shape(inputs, params, budget)).collect())
 }
 
 impl Foliage {
@@ -62,7 +61,12 @@ impl Foliage {
             return None;
         }
         let radius = inputs.sphere.radius;
-        let leaves: Vec<Vec<u32>> = components.into_iter().filter(|c| is_small_and_flat(&mesh, c, radius)).collect();
+        let source: Vec<u32> = welded_from.iter().map(|&t| opaque.source[t as usize]).collect();
+        let material = |t: u32| inputs.model.material_of(source[t as usize]);
+        let is_cut_out = |t: &u32| matches!(material(*t).alpha_mode, AlphaMode::Mask { .. });
+        let is_leaf =
+            |component: &Vec<u32>| is_leaf(&corners(&mesh, component), component.iter().all(is_cut_out), radius);
+        let leaves: Vec<Vec<u32>> = components.into_iter().filter(is_leaf).collect();
         if leaves.len() < LEAVES {
             return None;
         }
@@ -78,13 +82,14 @@ impl Foliage {
                 .sum::<f64>()
         };
         let (of_leaves, of_trunk) = (count(true), count(false));
-        let source = welded_from.iter().map(|&t| opaque.source[t as usize]).collect();
-        (of_leaves >= LEAF_PIXELS * (of_leaves + of_trunk)).then_some(Self { mesh, source, leaves, is_leaf, pixels })
+        let trunk_share = (of_trunk / (of_leaves + of_trunk).max(1.0)).clamp(TRUNK[0], TRUNK[1]);
+        let is_foliage = of_leaves >= LEAF_PIXELS * (of_leaves + of_trunk);
+        is_foliage.then_some(Self { mesh, source, leaves, is_leaf, pixels, trunk_share })
     }
 
     /// The trunk, collapsed, and cards for the rest of the budget.
     fn shape(&self, inputs: &Inputs<'_>, params: &SimplifyParams, budget: u32) -> Shape {
-        let mut mesh = self.trunk(inputs, params, (f64::from(budget) * TRUNK) as u32);
+        let mut mesh = self.trunk(inputs, params, (f64::from(budget) * self.trunk_share) as u32);
         let mut cards = Cards {
             group: vec![NO_CARD; mesh.triangles.len()],
             source_group: vec![NO_CARD; inputs.model.surface.triangles.len()],
@@ -97,7 +102,7 @@ impl Foliage {
             for &t in &triangles {
                 cards.source_group[self.source[t as usize] as usize] = group as u32;
             }
-            cards.reach.push(add_card(&mut mesh, &self.points(&triangles)));
+            cards.reach.push(add_card(&mut mesh, &corners(&self.mesh, &triangles)));
             cards.group.extend([group as u32; 2]);
         }
         Shape { cards: Some(cards), ..Shape::unscored(mesh, true, Candidate::Cards, Shortfall::Leaves) }
@@ -118,25 +123,26 @@ impl Foliage {
         shapes.into_iter().map(|s| s.mesh).find(|m| m.triangles.len() <= budget as usize).unwrap_or_default()
     }
 
-    fn points(&self, triangles: &[u32]) -> Vec<Vec3> {
-        triangles.iter().flat_map(|&t| self.mesh.corners(t as usize)).collect()
-    }
-
     fn centre(&self, leaf: &[u32]) -> Vec3 {
-        let points = self.points(leaf);
+        let points = corners(&self.mesh, leaf);
         points.iter().sum::<Vec3>() / points.len() as f32
     }
 }
 
-/// True if a component is as small and flat as a leaf. `radius` is that of the bounding sphere of the source.
-fn is_small_and_flat(mesh: &TriMesh, component: &[u32], radius: f32) -> bool {
-    let points: Vec<Vec3> = component.iter().flat_map(|&t| mesh.corners(t as usize)).collect();
-    let (low, high) = bounds(&points);
-    if low.distance(high) > LEAF_SIZE * radius {
-        return false;
+/// True if a component with these corners is a leaf: small and flat, or small and cut out. `radius` is that of the bounding
+/// sphere of the source.
+fn is_leaf(corners: &[Vec3], is_cut_out: bool, radius: f32) -> bool {
+    let (low, high) = bounds(corners);
+    let size = low.distance(high);
+    if is_cut_out {
+        return size <= TWIG_SIZE * radius;
     }
-    let extent = extents(&points, &principal_axes(&points)).1;
-    extent.z <= LEAF_THICKNESS * extent.y
+    let extent = extents(corners, &principal_axes(corners)).1;
+    size <= LEAF_SIZE * radius && extent.z <= LEAF_THICKNESS * extent.y
+}
+
+fn corners(mesh: &TriMesh, triangles: &[u32]) -> Vec<Vec3> {
+    triangles.iter().flat_map(|&t| mesh.corners(t as usize)).collect()
 }
 
 /// Groups points: halves the largest group at the median of its longest extent until there are `n` groups. The number
@@ -234,6 +240,18 @@ mod tests {
         let reach = add_card(&mut mesh, &slab());
         let area: f32 = (0..2).map(|t| mesh.area_vector(t).length() * 0.5).sum();
         assert!((area - 8.0).abs() < 1e-3 && (reach - 0.25).abs() < 1e-4, "{area} {reach}");
+    }
+
+    #[test]
+    fn leaves_are_small_and_flat_or_small_and_cut_out() {
+        // The diagonal of the slab is 4.6.
+        let is_leaf = |is_cut_out, radius| is_leaf(&slab(), is_cut_out, radius);
+        assert!(is_leaf(false, 20.0) && is_leaf(true, 20.0));
+        assert!(!is_leaf(false, 10.0) && is_leaf(true, 10.0));
+        assert!(!is_leaf(true, 5.0));
+        let cube: Vec<Vec3> =
+            slab().iter().map(|p| *p * Vec3::new(0.01, 0.01, 0.01)).chain([Vec3::splat(0.05)]).collect();
+        assert!(super::is_leaf(&cube, true, 20.0));
     }
 
     #[test]

@@ -133,7 +133,7 @@ mod tests {
 
     use super::*;
     use crate::Cancellation;
-    use crate::data::{Bone, Influences, Material, Model, Pose, Rig, Surface};
+    use crate::data::{Bone, Cards, Influences, Material, Model, Pose, Rig, Surface};
     use crate::geometry::{BoundingSphere, Topology};
     use crate::render::SurfaceSampler;
     use crate::simplify::{DeviationMetric, OpaqueSurface, Tools};
@@ -156,6 +156,10 @@ mod tests {
 
         fn split_at_joints(&self, mesh: &TriMesh, _: usize) -> TriMesh {
             mesh.clone()
+        }
+
+        fn shown(&self, _: &TriMesh, _: Option<&Cards>, points: &[(u32, Vec3)], _: &[f32]) -> Vec<bool> {
+            vec![true; points.len()]
         }
     }
 
