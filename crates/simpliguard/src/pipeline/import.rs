@@ -20,7 +20,8 @@ pub(super) enum Imported {
 
 /// Imports a source, and decides whether it gets levels.
 pub(super) fn import(source: &Source<'_>, params: &Params, run: &Runner<'_>) -> Result<Imported, Error> {
-    let limits = ImportLimits::default();
+    let mut limits = ImportLimits::default();
+    limits.memory = run.context().memory.unwrap_or(limits.memory);
     let imported = run.run(StageId::Import, || gltf::import_in(source, &limits, run.cancellation()))?;
     let pass = |model, status| Ok(Imported::PassesThrough(pass_through(source, model, status, run)?));
     if !params.import.enabled {

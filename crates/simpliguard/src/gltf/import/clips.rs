@@ -182,8 +182,18 @@ struct Track {
 
 /// The channels of a clip that move a node and have keys.
 fn tracks(reader: Reader<'_>, animation: &Animation<'_>) -> Result<Vec<Track>, Error> {
+    reader
+        .asset
+        .fits("a clip", animation.channels.iter().map(|channel| memory_of(reader, animation, channel)).sum())?;
     let read = |channel: &Channel<'_>| Track::read(reader, animation, channel).transpose();
     animation.channels.iter().filter_map(read).collect()
+}
+
+/// Bytes of the keys of a channel, at most: a value has the size of a `Vec4`, and is there twice while it is read.
+fn memory_of(reader: Reader<'_>, animation: &Animation<'_>, channel: &Channel<'_>) -> u64 {
+    let sampler = channel.sampler.and_then(|sampler| animation.samplers.get(sampler));
+    let count = |accessor: Option<usize>| accessor.and_then(|accessor| reader.count(accessor).ok()).unwrap_or(0) as u64;
+    sampler.map_or(0, |sampler| 8 * count(sampler.input) + 32 * count(sampler.output))
 }
 
 impl Track {
