@@ -22,6 +22,7 @@ use simpliguard_eval::{TurntableError, contact_sheet, turntable};
 
 use crate::args::BakeArgs;
 use crate::console::{self, AssetProgress};
+use crate::deadline::{self, LastStage};
 use crate::error::UsageError;
 use crate::interrupt::Interrupt;
 use crate::plan::{Job, plan};
@@ -143,8 +144,10 @@ impl<'a> Runner<'a> {
         let draw = |model: &Model, levels: &[Level]| png(&model.name, &contact_sheet(model, levels));
         let parts = if self.args.sheet { Parts::Sheet(&draw) } else { Parts::Levels };
         let bake = CachedBake::new(file.source(), settings, parts, cache.as_deref())?;
-        let context = Context { progress: Some(progress), memory: Some(self.memory), ..Context::default() };
-        bake.run(&context, &JobHost { runner: self, job, progress })
+        let stage = LastStage::new(progress);
+        let context = Context { progress: Some(&stage), memory: Some(self.memory), ..Context::default() };
+        let run = || bake.run(&context, &JobHost { runner: self, job, progress });
+        deadline::within(self.args.timeout, (&job.name, &stage), &context.cancellation, run)
     }
 
     fn cache(&self, job: &Job) -> Option<Rc<Cache>> {

@@ -10,6 +10,7 @@ mod bake;
 mod boundary;
 mod cache;
 mod console;
+mod deadline;
 mod error;
 mod inputs;
 mod inspect;
