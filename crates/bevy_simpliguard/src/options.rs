@@ -38,4 +38,6 @@ pub(crate) struct BakeOptions {
     /// Number of threads that bake.
     pub(crate) threads: Option<usize>,
     pub(crate) priority: Option<BakePriority>,
+    /// Memory in bytes that one bake may take.
+    pub(crate) memory: Option<u64>,
 }

@@ -41,21 +41,34 @@ pub struct SimpliguardPlugin {
     pub threads: Option<usize>,
     /// Overrides `plugin.priority` of `config/simpliguard.ron`.
     pub priority: Option<BakePriority>,
+    /// Memory in bytes that one bake may take; half of the machine's by default. A model that would take more fails before
+    /// anything is allocated for it.
+    pub memory: Option<u64>,
 }
 
 impl Default for SimpliguardPlugin {
     fn default() -> Self {
         let LodPlugin { settings: lods, mipmaps, anisotropy } = LodPlugin::default();
-        Self { lods, mipmaps, anisotropy, mode: None, profile: None, cache_dir: None, threads: None, priority: None }
+        Self {
+            lods,
+            mipmaps,
+            anisotropy,
+            mode: None,
+            profile: None,
+            cache_dir: None,
+            threads: None,
+            priority: None,
+            memory: None,
+        }
     }
 }
 
 #[cfg(feature = "bake")]
 impl SimpliguardPlugin {
     fn bake_options(&self) -> crate::options::BakeOptions {
-        let Self { mode, threads, priority, .. } = *self;
+        let Self { mode, threads, priority, memory, .. } = *self;
         let (profile, cache_dir) = (self.profile.clone(), self.cache_dir.clone());
-        crate::options::BakeOptions { mode, profile, cache_dir, threads, priority }
+        crate::options::BakeOptions { mode, profile, cache_dir, threads, priority, memory }
     }
 }
 

@@ -105,7 +105,7 @@ fn shape_of(bencher: Bencher<'_, '_>, model: &Model) {
             bvh: &bvh,
             components: &[],
             opaque: &opaque,
-            deviation_metric: &DeviationMetric::new(&opaque),
+            deviation_metric: &DeviationMetric::new(&opaque, &Cancellation::default()),
             sphere,
             views: &views,
             poses: None,

@@ -2,6 +2,8 @@
 
 use std::fmt;
 
+use bytesize::ByteSize;
+
 /// Names a stage of the pipeline. The order is that of [`crate::STAGES`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, serde::Serialize)]
 #[serde(rename_all = "snake_case")]
@@ -132,6 +134,25 @@ pub enum Error {
         /// Its value.
         found: u64,
         /// The limit.
+        limit: u64,
+    },
+    /// The bake would take more memory than it may. Nothing was allocated for it.
+    #[error(
+        "{}: {stage}: {what} would take {} of memory, and a bake may take {}; reduce it, or give more with --memory",
+        Printable(asset),
+        ByteSize(*needed),
+        ByteSize(*limit)
+    )]
+    Memory {
+        /// Name of the asset.
+        asset: String,
+        /// The stage that found it.
+        stage: StageId,
+        /// The part of the asset that takes the memory.
+        what: String,
+        /// Bytes that it would take, estimated.
+        needed: u64,
+        /// Bytes that the bake may take in all.
         limit: u64,
     },
     /// A setting is out of its range, or has an unknown name.

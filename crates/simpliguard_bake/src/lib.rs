@@ -10,12 +10,14 @@
 
 mod cached;
 mod host;
+mod memory;
 mod place;
 mod result;
 mod stage_objects;
 
 pub use cached::{CachedBake, Outcome, look_up};
 pub use host::{Host, Notice};
+pub use memory::default_memory;
 pub use place::{CachePlace, ENV_VAR, OutsideProject, SHARED_ENV_VAR, open_cache};
 pub use result::{BakeResult, DrawSheet, Parts};
 pub use stage_objects::StageObjects;

@@ -2,7 +2,9 @@
 
 use std::num::{NonZeroU16, NonZeroUsize};
 use std::path::PathBuf;
+use std::time::Duration;
 
+use bytesize::ByteSize;
 use clap::{Parser, Subcommand};
 use simpliguard::settings::{BakeOverrides, Layer, Origin, parse_cache_size, parse_overrides};
 
@@ -47,6 +49,13 @@ pub(crate) struct BakeArgs {
     /// Number of threads; all cores if not given. The results are the same for any number.
     #[arg(long, value_name = "N")]
     pub(crate) threads: Option<NonZeroUsize>,
+    /// Memory that the bake of one model may take, such as `4GiB`; half of the machine's if not given. A model that would
+    /// take more is refused before anything is allocated for it.
+    #[arg(long, value_name = "SIZE")]
+    pub(crate) memory: Option<ByteSize>,
+    /// Longest time for one model, such as `90s` or `10m`. A model that takes longer fails, and the next one is baked.
+    #[arg(long, value_name = "DURATION", value_parser = humantime::parse_duration)]
+    pub(crate) timeout: Option<Duration>,
     /// The cache's folder; else $SIMPLIGUARD_CACHE_DIR, else `cache.dir` of the project, else the user's cache folder.
     #[arg(long, value_name = "DIR", conflicts_with = "no_cache")]
     pub(crate) cache_dir: Option<PathBuf>,

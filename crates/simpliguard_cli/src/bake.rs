@@ -14,13 +14,16 @@ use simpliguard::data::{Level, Model};
 use simpliguard::gltf::{ImportLimits, import};
 use simpliguard::settings::BakeSettings;
 use simpliguard::{Context, Error, NoResources, Source, StageId};
-use simpliguard_bake::{BakeResult, CachePlace, CachedBake, Host, Notice, Outcome, OutsideProject, Parts};
+use simpliguard_bake::{
+    BakeResult, CachePlace, CachedBake, Host, Notice, Outcome, OutsideProject, Parts, default_memory,
+};
 use simpliguard_cache::{Cache, Durability, can_write_in, read_bounded, remove_stale_temporaries, write_atomic};
 use simpliguard_eval::{TurntableError, contact_sheet, turntable};
 
 use crate::Exit;
 use crate::args::BakeArgs;
 use crate::console::{self, AssetProgress};
+use crate::deadline::{self, LastStage};
 use crate::error::UsageError;
 use crate::interrupt::Interrupt;
 use crate::plan::{Job, plan};
@@ -53,6 +56,8 @@ fn bake_all(args: &BakeArgs) -> Result<Exit, UsageError> {
 struct Runner<'a> {
     args: &'a BakeArgs,
     interrupt: Interrupt,
+    /// Bytes that the bake of one model may take.
+    memory: u64,
     /// `None` for the global pool with all cores.
     pool: Option<ThreadPool>,
     /// The caches of the projects so far. A shared cache that hangs costs one of them one wait, not each model.
@@ -102,6 +107,7 @@ impl<'a> Runner<'a> {
         Ok(Self {
             args,
             interrupt: Interrupt::install(),
+            memory: args.memory.map_or_else(default_memory, |size| size.as_u64()),
             pool,
             caches: RefCell::default(),
             swept: RefCell::default(),
@@ -140,8 +146,10 @@ impl<'a> Runner<'a> {
         let draw = |model: &Model, levels: &[Level]| png(&model.name, &contact_sheet(model, levels));
         let parts = if self.args.sheet { Parts::Sheet(&draw) } else { Parts::Levels };
         let bake = CachedBake::new(file.source(), settings, parts, cache.as_deref())?;
-        let context = Context { progress: Some(progress), ..Context::default() };
-        bake.run(&context, &JobHost { runner: self, job, progress })
+        let stage = LastStage::new(progress);
+        let context = Context { progress: Some(&stage), memory: Some(self.memory), ..Context::default() };
+        let run = || bake.run(&context, &JobHost { runner: self, job, progress });
+        deadline::within(self.args.timeout, (&job.name, &stage), &context.cancellation, run)
     }
 
     fn cache(&self, job: &Job) -> Option<Rc<Cache>> {
@@ -183,7 +191,8 @@ impl<'a> Runner<'a> {
         }
         if self.args.turntable && !result.levels.is_empty() {
             let path = job.turntable_path();
-            let png = self.in_pool(|| draw_turntable(job, file, &result.levels))?;
+            let memory = self.memory;
+            let png = self.in_pool(|| draw_turntable(job, file, &result.levels, memory))?;
             self.write_file(job, &path, &png)?;
             written.turntable = Some(path);
         }
@@ -219,11 +228,11 @@ impl<'a> Runner<'a> {
 }
 
 /// Draws a turntable from the files of the levels, so that a result from the cache suffices.
-fn draw_turntable(job: &Job, file: &SourceFile, levels: &[(u32, Vec<u8>)]) -> Result<Vec<u8>, Error> {
-    let model = import(&file.source(), &ImportLimits::default())?;
-    let level = |(_, glb): &(u32, Vec<u8>)| {
-        import(&Source { name: &job.name, bytes: glb, resources: &NoResources }, &ImportLimits::default())
-    };
+fn draw_turntable(job: &Job, file: &SourceFile, levels: &[(u32, Vec<u8>)], memory: u64) -> Result<Vec<u8>, Error> {
+    let limits = ImportLimits { memory, ..ImportLimits::default() };
+    let model = import(&file.source(), &limits)?;
+    let level =
+        |(_, glb): &(u32, Vec<u8>)| import(&Source { name: &job.name, bytes: glb, resources: &NoResources }, &limits);
     let levels: Vec<Model> = levels.iter().rev().map(level).collect::<Result<_, _>>()?;
     let invalid = |e: TurntableError| Error::invalid(&job.name, StageId::Export, format!("{e}"), "omit --turntable");
     turntable(&model, &levels).map_err(invalid)

@@ -12,6 +12,7 @@ mod boundary;
 mod cache;
 mod compare;
 mod console;
+mod deadline;
 mod error;
 mod gate;
 mod inputs;

@@ -29,6 +29,8 @@ pub(super) struct Baker {
     pub(super) mode: BakeMode,
     /// Folder of the cache, if the game gives one.
     pub(super) cache_dir: Option<PathBuf>,
+    /// Memory in bytes that one bake may take.
+    pub(super) memory: u64,
     pub(super) journal: Journal,
     pub(super) activity: Arc<ProcessorActivity>,
     pub(super) queue: Arc<Queue>,

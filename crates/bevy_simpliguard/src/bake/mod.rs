@@ -126,6 +126,7 @@ fn start(options: &BakeOptions, app: &mut App, processor: AssetProcessor, folder
     let baker = Arc::new(Baker {
         mode,
         cache_dir: options.cache_dir.clone(),
+        memory: options.memory.unwrap_or_else(simpliguard_bake::default_memory),
         journal: Journal::new(base.join(&paths.processed)),
         activity: folders.activity().clone(),
         project,

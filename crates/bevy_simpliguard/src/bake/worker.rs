@@ -132,7 +132,8 @@ impl Worker {
         let (start, host) = (Instant::now(), WorkerHost { worker: self, in_flight });
         let preview = in_flight.job.is_swapped_in().then_some(&host as &dyn PreviewSink);
         let cancellation = in_flight.cancellation.clone();
-        let context = Context { cancellation, progress: Some(&host), preview, ..Context::default() };
+        let memory = Some(self.baker.memory);
+        let context = Context { cancellation, progress: Some(&host), preview, memory, ..Context::default() };
         let outcome = bake.run(&context, &host)?;
         Ok((outcome.result, if outcome.is_cached { Duration::ZERO } else { start.elapsed() }))
     }

@@ -4,6 +4,7 @@ mod bind_space;
 mod closest;
 mod linear_blend;
 mod motions;
+mod pose_distances;
 mod poses;
 mod skeleton;
 mod weights;

@@ -6,6 +6,7 @@ use rayon::prelude::*;
 use super::closest::closest_influences;
 use super::linear_blend::LinearBlend;
 use super::motions::Motions;
+use super::pose_distances::PoseDistances;
 use super::skeleton::Skeleton;
 use crate::Cancellation;
 use crate::data::{Influences, Model, Pose, Surface, TriMesh};
@@ -13,6 +14,10 @@ use crate::geometry::Bvh;
 
 /// Approximate number of vertices by which poses are compared.
 const SAMPLES: usize = 512;
+/// Most poses to choose from. Of more, an even selection is compared: the time grows with the square of their number.
+const MOST_COMPARED: usize = 2048;
+/// Candidates that are compared beside each other.
+const AT_ONCE: usize = 64;
 /// Least gain of a pose, as a fraction of the summed squared distances of the rest pose's vertices from their mean.
 const LEAST_GAIN: f64 = 1e-6;
 
@@ -129,35 +134,69 @@ fn representative<'p>(
     let step = surface.positions.len().div_ceil(SAMPLES).max(1);
     let influences: Vec<Influences> = surface.influences.iter().step_by(step).copied().collect();
     let rest: Vec<Vec3> = surface.positions.iter().step_by(step).copied().collect();
-    let posed: Vec<Vec<Vec3>> =
-        poses.iter().map(|pose| centred(moved(&rest, &blend.motions(&blend.bones(pose), &influences)))).collect();
+    let poses: Vec<&Pose> = poses.iter().step_by(poses.len().div_ceil(MOST_COMPARED).max(1)).collect();
+    let posed: Vec<Vec<Vec3>> = poses
+        .iter()
+        .take_while(|_| !cancellation.is_cancelled())
+        .map(|pose| centred(moved(&rest, &blend.motions(&blend.bones(pose), &influences))))
+        .collect();
     let rest = centred(rest);
     let least_gain = LEAST_GAIN * rest.iter().map(|p| f64::from(p.length_squared())).sum::<f64>();
-    let mut nearest: Vec<f64> = posed.iter().map(|positions| squared_distance(positions, &rest)).collect();
+    let distances = PoseDistances::new(&posed);
+    let mut nearest = Vec::with_capacity(posed.len());
+    distances.each(&rest, |_, d| nearest.push(d));
+    let mut gains = Gains { bounds: vec![f64::INFINITY; posed.len()] };
     let mut chosen = Vec::new();
     while chosen.len() < n && !cancellation.is_cancelled() {
-        let gain = |candidate: &Vec<Vec3>| -> f64 {
-            let distances = posed.iter().map(|positions| squared_distance(positions, candidate));
-            nearest.iter().zip(distances).map(|(nearest, d)| (nearest - d).max(0.0)).sum()
+        let gain = |candidate: usize| {
+            let mut gain = 0.0;
+            if !cancellation.is_cancelled() {
+                distances.each(&posed[candidate], |pose, d| gain += (nearest[pose] - d).max(0.0));
+            }
+            gain
         };
-        let gains: Vec<f64> = posed.par_iter().map(gain).collect();
-        let best = (0..gains.len()).reduce(|best, i| if gains[i] > gains[best] { i } else { best });
-        let Some(best) = best.filter(|&i| gains[i] > least_gain) else { break };
-        chosen.push(&poses[best]);
-        let distances = posed.iter().map(|positions| squared_distance(positions, &posed[best]));
-        nearest.iter_mut().zip(distances).for_each(|(nearest, d)| *nearest = nearest.min(d));
+        let Some(best) = gains.best(least_gain, gain) else { break };
+        chosen.push(poses[best]);
+        distances.each(&posed[best], |pose, d| nearest[pose] = f64::min(nearest[pose], d));
     }
     chosen
+}
+
+/// The gains of all candidates. A choice can only lower the gain of the others, so a gain from an earlier round is an
+/// upper bound. Most candidates need not be looked at again (lazy greedy, Minoux 1978).
+struct Gains {
+    bounds: Vec<f64>,
+}
+
+impl Gains {
+    /// The candidate of largest gain, of equal ones the first; `None` if no gain is over `least`.
+    fn best(&mut self, least: f64, gain: impl Fn(usize) -> f64 + Sync) -> Option<usize> {
+        let mut order: Vec<usize> = (0..self.bounds.len()).collect();
+        order.sort_by(|&a, &b| self.bounds[b].total_cmp(&self.bounds[a]).then(a.cmp(&b)));
+        let mut best: Option<usize> = None;
+        for some in order.chunks(AT_ONCE) {
+            let largest = best.map_or(least, |best| self.bounds[best]);
+            if self.bounds[some[0]] < largest {
+                break;
+            }
+            let found: Vec<f64> = some.par_iter().map(|&candidate| gain(candidate)).collect();
+            for (&candidate, gain) in some.iter().zip(found) {
+                self.bounds[candidate] = gain;
+                let is_better =
+                    |best: usize| gain > self.bounds[best] || (gain == self.bounds[best] && candidate < best);
+                if gain > least && best.is_none_or(is_better) {
+                    best = Some(candidate);
+                }
+            }
+        }
+        best
+    }
 }
 
 fn centred(mut points: Vec<Vec3>) -> Vec<Vec3> {
     let mean = points.iter().sum::<Vec3>() / points.len().max(1) as f32;
     points.iter_mut().for_each(|p| *p -= mean);
     points
-}
-
-fn squared_distance(a: &[Vec3], b: &[Vec3]) -> f64 {
-    a.iter().zip(b).map(|(a, b)| f64::from(a.distance_squared(*b))).sum()
 }
 
 #[cfg(test)]
@@ -205,6 +244,24 @@ mod tests {
         let (rest, elbow) = (&model.surface.positions, poses.source_in(0));
         assert!(elbow[..4].iter().zip(rest).all(|(p, q)| p.distance(*q) < 1e-6));
         assert!(elbow[4..].iter().zip(&rest[4..]).all(|(p, q)| p.distance(*q) > 0.05));
+    }
+
+    #[test]
+    fn the_largest_gain_is_found_without_looking_at_all() {
+        let looked = std::sync::atomic::AtomicUsize::new(0);
+        let found = |gains: &mut Gains, gain: &(dyn Fn(usize) -> f64 + Sync)| {
+            looked.store(0, std::sync::atomic::Ordering::Relaxed);
+            let best = gains.best(0.5, |candidate| {
+                looked.fetch_add(1, std::sync::atomic::Ordering::Relaxed);
+                gain(candidate)
+            });
+            (best, looked.load(std::sync::atomic::Ordering::Relaxed))
+        };
+        let mut gains = Gains { bounds: vec![f64::INFINITY; 1000] };
+        // Three candidates have the largest gain: the first one wins.
+        assert_eq!(found(&mut gains, &|i| if i % 300 == 7 { 9.0 } else { (i % 7) as f64 }), (Some(7), 1000));
+        assert_eq!(found(&mut gains, &|i| if i == 7 { 0.0 } else { (i % 7) as f64 }), (Some(6), 192));
+        assert_eq!(found(&mut gains, &|_| 0.5).0, None);
     }
 
     #[test]

@@ -9,7 +9,7 @@ use super::image::{half_size, halved, mean};
 use super::srgb::{linear_to_srgb, srgb_to_linear};
 
 /// Wrap mode of one texture axis.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Wrap {
     /// Repeats.
     Repeat,
@@ -53,6 +53,11 @@ impl Texture {
             mips.push(next);
         }
         Self { mips: mips.into(), wrap, decode }
+    }
+
+    /// The same texels with other wrap modes.
+    pub(crate) fn wrapped(&self, wrap: [Wrap; 2]) -> Self {
+        Self { wrap, ..self.clone() }
     }
 
     /// Width and height in texels.

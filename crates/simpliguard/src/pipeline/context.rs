@@ -49,6 +49,9 @@ pub struct Context<'a> {
     /// Shown the levels where they are ready long before the result: the store holds their shapes but not their refined
     /// vertices, as after a change of a texture. Changes no byte of the result.
     pub preview: Option<&'a dyn PreviewSink>,
+    /// Memory in bytes that the bake may take, estimated before it is allocated; `None` for that of
+    /// [`ImportLimits`](crate::gltf::ImportLimits). Changes no byte of the result: a model that would take more is refused.
+    pub memory: Option<u64>,
 }
 
 impl Context<'_> {

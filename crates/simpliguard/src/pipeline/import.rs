@@ -1,6 +1,7 @@
 //! The import, and the files that pass through.
 
 use super::baked::Baked;
+use super::overlap;
 use super::params::Params;
 use super::report::{Report, Status};
 use super::runner::Runner;
@@ -19,7 +20,8 @@ pub(super) enum Imported {
 
 /// Imports a source, and decides whether it gets levels.
 pub(super) fn import(source: &Source<'_>, params: &Params, run: &Runner<'_>) -> Result<Imported, Error> {
-    let limits = ImportLimits::default();
+    let mut limits = ImportLimits::default();
+    limits.memory = run.context().memory.unwrap_or(limits.memory);
     let imported = run.run(StageId::Import, || gltf::import_in(source, &limits, run.cancellation()))?;
     let pass = |model, status| Ok(Imported::PassesThrough(pass_through(source, model, status, run)?));
     if !params.import.enabled {
@@ -27,7 +29,7 @@ pub(super) fn import(source: &Source<'_>, params: &Params, run: &Runner<'_>) -> 
         let model = if is_binary(source) { imported.ok() } else { Some(imported?) };
         return pass(model, Status::PassThrough);
     }
-    let model = imported?;
+    let mut model = imported?;
     if model.surface.triangles.is_empty() {
         return pass(Some(model), Status::PassThrough);
     }
@@ -39,6 +41,7 @@ pub(super) fn import(source: &Source<'_>, params: &Params, run: &Runner<'_>) -> 
         return pass(Some(model), Status::SmallEnough);
     }
     check_extent(&model)?;
+    run.time(StageId::Import, || overlap::thin(&mut model, run))?;
     Ok(Imported::ForLevels(model, targets))
 }
 

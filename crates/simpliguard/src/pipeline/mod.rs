@@ -13,6 +13,7 @@ mod level_texture;
 mod level_whole;
 mod likeness;
 mod meter;
+mod overlap;
 pub(crate) mod params;
 mod preview;
 pub(crate) mod report;

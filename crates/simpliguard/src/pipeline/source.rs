@@ -82,7 +82,7 @@ impl<'a> PreparedSource<'a> {
             skin_source: SkinSource::new(index.model, &index.bvh),
             joint_planes: joint_planes(index.model, &params.joint_planes),
             importance: Importance::of(index.model, &params.importance)?,
-            deviation_metric: run.time(StageId::Simplify, || DeviationMetric::new(&index.opaque)),
+            deviation_metric: run.time(StageId::Simplify, || DeviationMetric::new(&index.opaque, run.cancellation())),
         })
     }
 }

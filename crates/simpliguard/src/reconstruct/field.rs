@@ -77,6 +77,12 @@ impl Node {
     }
 }
 
+/// The bricks of a task that are done, and the flag that stops it.
+struct Bricks<'a> {
+    bricks: Vec<Brick>,
+    cancellation: &'a Cancellation,
+}
+
 /// The triangle lists of all nodes from a task down to the current node, each behind that of its parent.
 struct Lists {
     triangles: Vec<u32>,
@@ -118,7 +124,7 @@ impl Descent {
             .into_par_iter()
             .with_max_len(1)
             .take_any_while(|_| !cancellation.is_cancelled())
-            .map(|(task, list)| self.bricks_of_task(task, list))
+            .map(|(task, list)| self.bricks_of_task(task, list, cancellation))
             .collect();
         bricks.into_iter().flatten().collect()
     }
@@ -150,26 +156,26 @@ impl Descent {
         filled.map(|(i, list)| (task(i as i32), list)).collect()
     }
 
-    fn bricks_of_task(&self, task: Node, list: Vec<u32>) -> Vec<Brick> {
+    fn bricks_of_task(&self, task: Node, list: Vec<u32>, cancellation: &Cancellation) -> Vec<Brick> {
         let mut lists = Lists { distances: vec![0.0; list.len()], triangles: list };
-        let mut bricks = Vec::new();
-        self.descend(task, 0, &mut lists, &mut bricks);
-        bricks
+        let mut out = Bricks { bricks: Vec::new(), cancellation };
+        self.descend(task, 0, &mut lists, &mut out);
+        out.bricks
     }
 
     /// Appends the bricks of a node of at least a brick, whose parent's triangles are `lists[start..]`.
-    fn descend(&self, node: Node, start: usize, lists: &mut Lists, bricks: &mut Vec<Brick>) {
+    fn descend(&self, node: Node, start: usize, lists: &mut Lists, out: &mut Bricks<'_>) {
         let end = lists.triangles.len();
-        if self.narrow(node, self.offset + BAND, start, lists) {
+        if !out.cancellation.is_cancelled() && self.narrow(node, self.offset + BAND, start, lists) {
             if node.size == BRICK as i32 {
                 let mut brick = Brick::new(node.origin >> IVec3::splat(3));
                 for child in node.children() {
                     self.fill(child, end, lists, &mut brick.distance);
                 }
-                bricks.push(brick);
+                out.bricks.push(brick);
             } else {
                 for child in node.children() {
-                    self.descend(child, end, lists, bricks);
+                    self.descend(child, end, lists, out);
                 }
             }
         }

@@ -4,6 +4,7 @@ use glam::Vec3;
 use rayon::prelude::*;
 
 use super::opaque::OpaqueSurface;
+use crate::Cancellation;
 use crate::data::{Deviation, TriMesh, bounds};
 use crate::geometry::{Bvh, fibonacci_directions};
 
@@ -21,14 +22,15 @@ pub struct DeviationMetric<'a> {
 }
 
 impl<'a> DeviationMetric<'a> {
-    /// Samples the source and keeps the visible points.
-    pub fn new(opaque: &'a OpaqueSurface) -> Self {
+    /// Samples the source and keeps the visible points; fewer if cancelled.
+    pub fn new(opaque: &'a OpaqueSurface, cancellation: &Cancellation) -> Self {
         let (low, high) = bounds(&opaque.mesh.positions);
         let diagonal = low.distance(high).max(f32::MIN_POSITIVE);
         let directions = fibonacci_directions(2 * RAYS);
         let is_visible = |(p, n): &(Vec3, Vec3)| {
             let lift = 1e-4 * diagonal;
-            directions.iter().any(|&d| {
+            let mut directions = directions.iter().take_while(|_| !cancellation.is_cancelled());
+            directions.any(|&d| {
                 let side = if d.dot(*n) < 0.0 { -*n } else { *n };
                 d.dot(side) > 0.1 && !opaque.bvh.occluded(*p + side * lift, d, 2.0 * diagonal)
             })

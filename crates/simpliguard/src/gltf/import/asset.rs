@@ -4,6 +4,7 @@ use serde::Deserialize;
 use serde_json::Value;
 
 use super::limits::ImportLimits;
+use super::memory::Memory;
 use super::schema::Root;
 use crate::{Cancellation, Error, StageId};
 
@@ -14,6 +15,7 @@ pub(super) struct Asset<'a> {
     pub(super) name: &'a str,
     pub(super) limits: &'a ImportLimits,
     pub(super) cancellation: &'a Cancellation,
+    pub(super) memory: &'a Memory,
 }
 
 impl Asset<'_> {
@@ -40,6 +42,22 @@ impl Asset<'_> {
             return Ok(());
         }
         Err(Error::Limit { asset: self.name.to_owned(), stage: StageId::Import, what: what.to_owned(), found, limit })
+    }
+
+    /// Counts `bytes` that are about to be allocated; `what` names their use. `Err` if they are over the memory that is
+    /// left.
+    pub(super) fn allocate(&self, what: &str, bytes: u64) -> Result<(), Error> {
+        if self.memory.take(bytes) { Ok(()) } else { Err(self.too_large(what, bytes)) }
+    }
+
+    /// As [`Self::allocate`], for memory that is free again soon.
+    pub(super) fn fits(&self, what: &str, bytes: u64) -> Result<(), Error> {
+        if self.memory.has(bytes) { Ok(()) } else { Err(self.too_large(what, bytes)) }
+    }
+
+    fn too_large(&self, what: &str, needed: u64) -> Error {
+        let (asset, what, limit) = (self.name.to_owned(), what.to_owned(), self.memory.limit());
+        Error::Memory { asset, stage: StageId::Import, what, needed, limit }
     }
 
     /// Reads the schema. The message of an error names the JSON path that breaks it.

@@ -58,6 +58,8 @@ pub(super) fn decode(reader: Reader<'_>, images: &[SourceImage]) -> Result<Vec<D
         encoded.iter().map(|(_, _, bytes)| Ktx2::new(bytes, LONGEST_SIDE)).collect();
     let texels = headers.iter().flatten().fold(0u64, |sum, image| sum.saturating_add(image.texel_count()));
     reader.asset.within("the number of texels of its textures", texels as usize, reader.asset.limits.texels)?;
+    // Texels, their colours without alpha, and the PNG.
+    reader.asset.allocate("its KTX2 images", texels.saturating_mul(12))?;
     let decode = |(header, (image, view, _)): (Result<Ktx2<'_>, String>, &(usize, Option<usize>, Bytes))| {
         reader.asset.check()?;
         let png = header.and_then(|header| header.decode()).and_then(|texels| png(&texels));

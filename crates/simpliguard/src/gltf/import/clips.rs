@@ -28,8 +28,14 @@ pub(super) fn poses(reader: Reader<'_>, tree: &Tree, bones: &[Bone], notes: &mut
         return random_poses(reader, tree, bones);
     }
     let frames = (MOST_MATRICES / bones.len().max(1) / clips.len().max(1)).min(FRAMES);
+    let mut bone_tree = BoneTree::of(reader, tree, bones);
+    let mut has_rest_pose = false;
     let mut out = Vec::new();
     for (clip, animation) in clips.iter().enumerate().filter(|_| frames > 0) {
+        // The import looks at the cancellation before it uses the poses.
+        if reader.asset.cancellation.is_cancelled() {
+            break;
+        }
         let tracks = match tracks(reader, animation) {
             Ok(tracks) => tracks,
             Err(error) => {
@@ -37,12 +43,15 @@ pub(super) fn poses(reader: Reader<'_>, tree: &Tree, bones: &[Bone], notes: &mut
                 continue;
             }
         };
+        // All clips that move nothing have the same pose.
+        if tracks.is_empty() && std::mem::replace(&mut has_rest_pose, true) {
+            continue;
+        }
         let last = tracks.iter().filter_map(|t| t.keys.last().copied()).fold(0.0, f32::max);
         let first = tracks.iter().filter_map(|t| t.keys.first().copied()).fold(last, f32::min);
         for frame in 0..frames {
             let seconds = first + (last - first) * frame as f32 / frames as f32;
-            let world = world_at(reader, tree, &tracks, seconds);
-            let world: Vec<Mat4> = bones.iter().map(|bone| world[bone.node]).collect();
+            let world = bone_tree.world_at(reader, &tracks, seconds);
             if world.iter().all(Mat4::is_finite) {
                 out.push(Pose { frame: Some((clip, seconds)), world });
             }
@@ -69,27 +78,74 @@ fn random_poses(reader: Reader<'_>, tree: &Tree, bones: &[Bone]) -> Vec<Pose> {
     (0..frames).map(|_| pose()).filter(|pose| pose.world.iter().all(Mat4::is_finite)).collect()
 }
 
-/// World matrix of each node at a time of a clip.
-fn world_at(reader: Reader<'_>, tree: &Tree, tracks: &[Track], seconds: f32) -> Vec<Mat4> {
-    let mut moved: Vec<Option<Transform>> = vec![None; reader.root.nodes.len()];
-    for track in tracks {
-        let node = &reader.root.nodes[track.node];
-        let transform = moved[track.node].get_or_insert_with(|| Transform {
-            translation: node.translation.unwrap_or_default().into(),
-            rotation: node.rotation.map_or(Quat::IDENTITY, Quat::from_array),
-            scale: node.scale.map_or(Vec3::ONE, Vec3::from_array),
-        });
-        let value = track.at(seconds);
-        match track.path {
-            Path::Translation => transform.translation = value.truncate(),
-            Path::Rotation => transform.rotation = Quat::from_vec4(value),
-            Path::Scale => transform.scale = value.truncate(),
+/// The bones' nodes and their ancestors: all that a pose depends on. A file may have many other nodes.
+struct BoneTree {
+    /// Each after its parent.
+    nodes: Vec<TreeNode>,
+    /// For each node of the file, its index in `nodes`.
+    index: Vec<Option<usize>>,
+    /// The node of each bone, as an index in `nodes`; `None` outside the default scene.
+    bones: Vec<Option<usize>>,
+    /// Scratch: what a clip moves each of `nodes` to.
+    moved: Vec<Option<Transform>>,
+    /// Scratch: the world matrix of each of `nodes`.
+    world: Vec<Mat4>,
+}
+
+struct TreeNode {
+    /// Index in `BoneTree::nodes`.
+    parent: Option<usize>,
+    /// Relative to the parent, in the rest pose.
+    local: Mat4,
+}
+
+impl BoneTree {
+    fn of(reader: Reader<'_>, tree: &Tree, bones: &[Bone]) -> Self {
+        let mut is_needed = vec![false; reader.root.nodes.len()];
+        for bone in bones {
+            for node in tree.lineage(bone.node) {
+                if std::mem::replace(&mut is_needed[node], true) {
+                    break;
+                }
+            }
         }
+        let mut index = vec![None; is_needed.len()];
+        let mut nodes = Vec::new();
+        for node in tree.ordered().filter(|&node| is_needed[node]) {
+            let parent = tree.lineage(node).nth(1).and_then(|parent| index[parent]);
+            index[node] = Some(nodes.len());
+            nodes.push(TreeNode { parent, local: local_matrix(&reader.root.nodes[node]) });
+        }
+        let bones = bones.iter().map(|bone| index[bone.node]).collect();
+        let (moved, world) = (vec![None; nodes.len()], vec![Mat4::IDENTITY; nodes.len()]);
+        Self { nodes, index, bones, moved, world }
     }
-    tree.world_with(|node| match moved[node] {
-        Some(t) => trs(t.translation, t.rotation, t.scale),
-        None => local_matrix(&reader.root.nodes[node]),
-    })
+
+    /// The world matrix of each bone at a time of a clip.
+    fn world_at(&mut self, reader: Reader<'_>, tracks: &[Track], seconds: f32) -> Vec<Mat4> {
+        self.moved.fill(None);
+        for track in tracks {
+            let Some(index) = self.index[track.node] else { continue };
+            let node = &reader.root.nodes[track.node];
+            let transform = self.moved[index].get_or_insert_with(|| Transform {
+                translation: node.translation.unwrap_or_default().into(),
+                rotation: node.rotation.map_or(Quat::IDENTITY, Quat::from_array),
+                scale: node.scale.map_or(Vec3::ONE, Vec3::from_array),
+            });
+            let value = track.at(seconds);
+            match track.path {
+                Path::Translation => transform.translation = value.truncate(),
+                Path::Rotation => transform.rotation = Quat::from_vec4(value),
+                Path::Scale => transform.scale = value.truncate(),
+            }
+        }
+        for (i, node) in self.nodes.iter().enumerate() {
+            let above = node.parent.map_or(Mat4::IDENTITY, |parent| self.world[parent]);
+            let local = self.moved[i].map_or(node.local, |t| trs(t.translation, t.rotation, t.scale));
+            self.world[i] = above * local;
+        }
+        self.bones.iter().map(|bone| bone.map_or(Mat4::IDENTITY, |index| self.world[index])).collect()
+    }
 }
 
 #[derive(Clone, Copy)]
@@ -126,8 +182,18 @@ struct Track {
 
 /// The channels of a clip that move a node and have keys.
 fn tracks(reader: Reader<'_>, animation: &Animation<'_>) -> Result<Vec<Track>, Error> {
+    reader
+        .asset
+        .fits("a clip", animation.channels.iter().map(|channel| memory_of(reader, animation, channel)).sum())?;
     let read = |channel: &Channel<'_>| Track::read(reader, animation, channel).transpose();
     animation.channels.iter().filter_map(read).collect()
+}
+
+/// Bytes of the keys of a channel, at most: a value has the size of a `Vec4`, and is there twice while it is read.
+fn memory_of(reader: Reader<'_>, animation: &Animation<'_>, channel: &Channel<'_>) -> u64 {
+    let sampler = channel.sampler.and_then(|sampler| animation.samplers.get(sampler));
+    let count = |accessor: Option<usize>| accessor.and_then(|accessor| reader.count(accessor).ok()).unwrap_or(0) as u64;
+    sampler.map_or(0, |sampler| 8 * count(sampler.input) + 32 * count(sampler.output))
 }
 
 impl Track {

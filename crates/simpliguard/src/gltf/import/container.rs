@@ -21,6 +21,7 @@ pub(super) fn parse(asset: Asset<'_>, bytes: &[u8]) -> Result<Container, Error> 
         Fault::NotGltf(why) => asset.not_gltf(why),
         Fault::Broken(found) => asset.invalid(found),
     })?;
+    asset.allocate("the file", bytes.len() as u64)?;
     let json = json(asset, text)?;
     check_version(asset, &json)?;
     Ok(Container { json, bin: bin.map(Bytes::copy_from_slice) })
@@ -31,6 +32,7 @@ fn json(asset: Asset<'_>, text: &[u8]) -> Result<Value, Error> {
     let estimate = Estimate::of(text);
     asset.within("the number of JSON values", estimate.values, asset.limits.json_values)?;
     asset.within("the memory in bytes of the parsed JSON", estimate.bytes(), asset.limits.json_bytes)?;
+    asset.allocate("its JSON", estimate.bytes() as u64)?;
     let mut json: Value =
         serde_json::from_slice(text).map_err(|error| asset.invalid(format!("its JSON is broken: {error}")))?;
     if !json.is_object() {

@@ -13,38 +13,63 @@ use super::resources::{SourceImage, mime_of, resource_error};
 use crate::data::Texture;
 use crate::{Error, StageId};
 
+/// Most memory for the metadata in front of the pixels, in bytes.
+const HEADER_BYTES: u64 = 64 << 20;
 /// The largest side of an image in texels.
 pub(super) const LONGEST_SIDE: u32 = 32_768;
 
+/// Images that are decoded at the same time, as an estimate.
+const AT_ONCE: usize = 8;
+/// Bytes of three texels of a texture with its mip chain.
+const THREE_TEXELS: u64 = 16;
+/// Bytes of a texel as RGBA.
+const RGBA: u64 = 4;
+
 /// An encoded image whose header was read.
-struct Encoded {
+pub(super) struct Encoded {
     image: usize,
     bytes: Bytes,
     format: ImageFormat,
     /// Its name in messages.
     label: String,
     external: bool,
+    texels: u64,
+    /// Bytes of a texel as it is stored, uncompressed.
+    stored: u64,
 }
 
-/// Decodes every used image once, in parallel, and makes one texture for each of `uses`, in their order.
-pub(super) fn decode(reader: Reader<'_>, external: &[SourceImage], uses: &[TextureUse]) -> Result<Vec<Texture>, Error> {
-    let mut images: Vec<usize> = uses.iter().map(|texture| texture.image).collect();
-    images.sort_unstable();
-    images.dedup();
-    let encoded = images.into_iter().map(|image| encoded(reader, external, image)).collect::<Result<Vec<_>, _>>()?;
-    let mut texels = 0u64;
-    for image in &encoded {
-        texels = texels.saturating_add(texel_count(reader, image)?);
+/// The images of `uses`, each once, after their headers were checked against the limits.
+///
+/// # Errors
+/// Those of the images; [`Error::Limit`] and [`Error::Memory`] if they are too large.
+pub(super) fn find(reader: Reader<'_>, external: &[SourceImage], uses: &[TextureUse]) -> Result<Vec<Encoded>, Error> {
+    let mut variants: Vec<(usize, bool)> = uses.iter().map(|texture| (texture.image, texture.srgb)).collect();
+    variants.sort_unstable();
+    variants.dedup();
+    let (mut out, mut texels, mut kept) = (Vec::new(), 0u64, 0u64);
+    for of_image in variants.chunk_by(|a, b| a.0 == b.0) {
+        let image = encoded(reader, external, of_image[0].0)?;
+        texels = texels.saturating_add(image.texels);
         reader.asset.within("the number of texels of its textures", texels as usize, reader.asset.limits.texels)?;
+        kept = kept.saturating_add(image.texels.saturating_mul(THREE_TEXELS * of_image.len() as u64) / 3);
+        out.push(image);
     }
-    let decoded: Vec<Result<Vec<(usize, Texture)>, Error>> = encoded
+    let mut decoding: Vec<u64> = out.iter().map(Encoded::decoding_bytes).collect();
+    decoding.sort_unstable_by(|a, b| b.cmp(a));
+    reader.asset.allocate("its textures", kept)?;
+    reader.asset.fits("the decoding of its textures", decoding.iter().take(AT_ONCE).sum())?;
+    Ok(out)
+}
+
+/// Decodes every image once, in parallel, and makes one texture for each of `uses`, in their order.
+pub(super) fn decode(reader: Reader<'_>, images: &[Encoded], uses: &[TextureUse]) -> Result<Vec<Texture>, Error> {
+    let decoded: Vec<Result<Vec<(usize, Texture)>, Error>> = images
         .par_iter()
         .map(|image| {
             reader.asset.check()?;
             let pixels = pixels(reader, image)?;
             reader.asset.check()?;
-            let of_image = uses.iter().enumerate().filter(|(_, texture)| texture.image == image.image);
-            Ok(of_image.map(|(k, texture)| (k, Texture::new(&pixels, texture.wrap_modes(), texture.srgb))).collect())
+            Ok(textures_of(&pixels, image.image, uses))
         })
         .collect();
     let mut textures = Vec::with_capacity(uses.len());
@@ -53,6 +78,26 @@ pub(super) fn decode(reader: Reader<'_>, external: &[SourceImage], uses: &[Textu
     }
     textures.sort_by_key(|(k, _)| *k);
     Ok(textures.into_iter().map(|(_, texture)| texture).collect())
+}
+
+/// The textures that show one image, each with its place among `uses`. They share their texels.
+fn textures_of(pixels: &RgbaImage, image: usize, uses: &[TextureUse]) -> Vec<(usize, Texture)> {
+    let mut made: [Option<Texture>; 2] = [None, None];
+    let of_image = uses.iter().enumerate().filter(|(_, texture)| texture.image == image);
+    of_image
+        .map(|(k, texture)| {
+            let same = &mut made[usize::from(texture.srgb)];
+            let shared = same.get_or_insert_with(|| Texture::new(pixels, texture.wrap, texture.srgb));
+            (k, shared.wrapped(texture.wrap))
+        })
+        .collect()
+}
+
+impl Encoded {
+    /// Bytes while it is decoded.
+    fn decoding_bytes(&self) -> u64 {
+        self.texels.saturating_mul(self.stored + RGBA)
+    }
 }
 
 fn encoded(reader: Reader<'_>, external: &[SourceImage], image: usize) -> Result<Encoded, Error> {
@@ -74,7 +119,9 @@ fn encoded(reader: Reader<'_>, external: &[SourceImage], image: usize) -> Result
         Some("image/vnd-ms.dds") => return Err(extensions::refuse(reader.asset, "MSFT_texture_dds")),
         _ => return Err(reader.asset.invalid(format!("{label} is no PNG, JPEG or WebP image"))),
     };
-    Ok(Encoded { image, bytes, format, label, external: is_external })
+    let mut out = Encoded { image, bytes, format, label, external: is_external, texels: 0, stored: 0 };
+    (out.texels, out.stored) = size(reader, &out)?;
+    Ok(out)
 }
 
 fn undecodable_ktx2(reader: Reader<'_>, image: usize, reason: &str) -> Error {
@@ -84,23 +131,19 @@ fn undecodable_ktx2(reader: Reader<'_>, image: usize, reason: &str) -> Error {
     Error::invalid(reader.asset.name, StageId::Import, found, advice)
 }
 
-/// Width times height, from the image's header.
-fn texel_count(reader: Reader<'_>, encoded: &Encoded) -> Result<u64, Error> {
-    // Enough for metadata in front of the pixels. The pixels themselves are not decoded here.
-    const HEADER_BYTES: u64 = 64 << 20;
+/// Width times height, and the bytes of a stored texel, from the image's header.
+fn size(reader: Reader<'_>, encoded: &Encoded) -> Result<(u64, u64), Error> {
     let decoder = open(encoded, HEADER_BYTES).into_decoder().map_err(|error| undecodable(reader, encoded, &error))?;
     let (width, height) = decoder.dimensions();
     if width == 0 || height == 0 {
         return Err(reader.asset.invalid(format!("{} has no texels", encoded.label)));
     }
-    Ok(u64::from(width) * u64::from(height))
+    Ok((u64::from(width) * u64::from(height), u64::from(decoder.color_type().bytes_per_pixel())))
 }
 
 /// The image as 8 bit RGBA.
 fn pixels(reader: Reader<'_>, encoded: &Encoded) -> Result<RgbaImage, Error> {
-    // Up to 16 bytes for each texel: four channels of 32 bits.
-    let most_bytes = reader.asset.limits.texels.saturating_mul(16);
-    open(encoded, most_bytes)
+    open(encoded, 2 * encoded.decoding_bytes() + HEADER_BYTES)
         .into_decoder()
         .and_then(DynamicImage::from_decoder)
         .map(DynamicImage::into_rgba8)

@@ -18,6 +18,8 @@ pub struct ImportLimits {
     pub triangles: u64,
     /// Number of texels of all images in use.
     pub texels: u64,
+    /// Memory in bytes, estimated: that of the import, and after it that of the bake.
+    pub memory: u64,
 }
 
 impl Default for ImportLimits {
@@ -30,6 +32,7 @@ impl Default for ImportLimits {
             depth: 512,
             triangles: 20_000_000,
             texels: 512 << 20,
+            memory: 8 << 30,
         }
     }
 }

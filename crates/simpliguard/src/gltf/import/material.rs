@@ -15,17 +15,16 @@ pub(super) struct TextureUse {
     /// Index into the glTF's `images`.
     pub(super) image: usize,
     pub(super) srgb: bool,
-    /// glTF wrap codes along u and v.
-    pub(super) wrap: [u32; 2],
+    /// Wrap modes along u and v.
+    pub(super) wrap: [Wrap; 2],
 }
 
-impl TextureUse {
-    pub(super) fn wrap_modes(&self) -> [Wrap; 2] {
-        self.wrap.map(|code| match code {
-            33071 => Wrap::Clamp,
-            33648 => Wrap::Mirror,
-            _ => Wrap::Repeat,
-        })
+/// The wrap mode of a glTF code; unknown ones repeat.
+fn wrap_mode(code: Option<u32>) -> Wrap {
+    match code {
+        Some(33071) => Wrap::Clamp,
+        Some(33648) => Wrap::Mirror,
+        _ => Wrap::Repeat,
     }
 }
 
@@ -170,8 +169,7 @@ impl Collector<'_> {
             Some(sampler) => Some(self.asset.item(&self.root.samplers, sampler, "sampler")?),
             None => None,
         };
-        let wrap =
-            sampler.map_or([None; 2], |sampler| [sampler.wrap_s, sampler.wrap_t]).map(|code| code.unwrap_or(10497));
+        let wrap = sampler.map_or([None; 2], |sampler| [sampler.wrap_s, sampler.wrap_t]).map(wrap_mode);
         let texture = TextureUse { image, srgb, wrap };
         let textures = &mut self.out.textures;
         let index = *self.known.entry(texture).or_insert_with(|| {

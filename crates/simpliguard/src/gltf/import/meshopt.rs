@@ -34,6 +34,11 @@ pub(super) fn decode(asset: Asset<'_>, root: &Root<'_>, buffers: &mut [Bytes]) -
         let new = if filled.contains_key(&view.buffer) { 0 } else { buffer.byte_length };
         total = total.saturating_add(new).saturating_add(view.byte_length);
         asset.within("the decoded size in bytes of its compressed buffers", total, asset.limits.bytes)?;
+        // For a moment, the elements are there in three forms.
+        asset.fits("a compressed buffer", 3 * view.byte_length as u64)?;
+        if !filled.contains_key(&view.buffer) {
+            asset.allocate("a compressed buffer", buffer.byte_length as u64)?;
+        }
         let target = filled.entry(view.buffer).or_insert_with(|| vec![0; buffer.byte_length]);
         let target = target.get_mut(view.byte_offset..).and_then(|rest| rest.get_mut(..view.byte_length));
         let Some(target) = target else {

@@ -20,6 +20,7 @@ mod clean;
 mod clips;
 mod container;
 mod draco;
+mod estimate;
 mod extensions;
 mod images;
 mod influences;
@@ -27,6 +28,7 @@ mod instances;
 mod ktx2;
 mod limits;
 mod material;
+mod memory;
 mod meshopt;
 mod morphs;
 mod nodes;
@@ -47,6 +49,7 @@ use self::accessor::Reader;
 use self::asset::Asset;
 use self::container::Container;
 use self::material::{MaterialSlots, Materials};
+use self::memory::Memory;
 use self::morphs::Driver;
 use self::nodes::Tree;
 use self::resources::{Loader, SourceImage};
@@ -63,7 +66,7 @@ pub use self::limits::ImportLimits;
 /// # Errors
 /// [`Error::Invalid`] if it is no glTF or breaks its rules, [`Error::Resource`] if a buffer or a texture in use cannot
 /// be read or decoded, [`Error::Extension`] if it requires an extension that is not understood, [`Error::Limit`] over
-/// one of `limits`.
+/// one of `limits`, [`Error::Memory`] if it would take too much memory.
 pub fn import(source: &Source<'_>, limits: &ImportLimits) -> Result<Model, Error> {
     import_in(source, limits, &Cancellation::default())
 }
@@ -74,7 +77,8 @@ pub(crate) fn import_in(
     limits: &ImportLimits,
     cancellation: &Cancellation,
 ) -> Result<Model, Error> {
-    let asset = Asset { name: source.name, limits, cancellation };
+    let memory = Memory::new(limits.memory);
+    let asset = Asset { name: source.name, limits, cancellation, memory: &memory };
     let Loaded { json, buffers, images, decoded } = load(asset, source)?;
     let root = asset.schema(&json)?;
     let reader = Reader { asset, root: &root, buffers: &buffers };
@@ -84,14 +88,16 @@ pub(crate) fn import_in(
     if !mesh_nodes.is_empty() {
         resources::check_complete(asset, &root, &buffers)?;
     }
+    estimate::check_surface(reader, &mesh_nodes)?;
     let skeleton = SourceSkeleton::of(reader, &tree, &mesh_nodes)?;
     let driver = Driver::of(reader, &json, &mesh_nodes);
     let used = surface::used_materials(reader, &mesh_nodes);
     let materials = material::read(asset, &root, &used)?;
     let slots = MaterialSlots::of(&used, &materials, root.materials.len());
     let assembler = Assembler { reader, tree: &tree, skeleton: &skeleton, driver: &driver, materials: &slots };
+    let encoded = images::find(reader, &images, &materials.textures)?;
     let (textures, assembly) =
-        rayon::join(|| images::decode(reader, &images, &materials.textures), || assembler.assemble(&mesh_nodes));
+        rayon::join(|| images::decode(reader, &encoded, &materials.textures), || assembler.assemble(&mesh_nodes));
     let (textures, mut assembly) = (textures?, assembly?);
     asset.check()?;
     let dropped = clean::clean(asset, &mut assembly.surface)?;

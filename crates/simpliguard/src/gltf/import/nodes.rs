@@ -69,6 +69,11 @@ impl Tree {
         world
     }
 
+    /// The nodes of the default scene, each after its parent.
+    pub(super) fn ordered(&self) -> impl Iterator<Item = usize> {
+        self.order.iter().copied()
+    }
+
     /// `node` and its ancestors, upwards.
     pub(super) fn lineage(&self, node: usize) -> impl Iterator<Item = usize> {
         std::iter::successors(Some(node), |&node| self.parent[node])

@@ -112,6 +112,7 @@ impl<'a> Loader<'a> {
 
     fn count(&mut self, bytes: usize) -> Result<(), Error> {
         self.total = self.total.saturating_add(bytes as u64);
+        self.asset.allocate("what it refers to", bytes as u64)?;
         self.asset.within(
             "the size in bytes of the file and what it refers to",
             self.total as usize,

@@ -195,7 +195,7 @@ mod tests {
             bvh: &bvh,
             components: source.components(),
             opaque: &opaque,
-            deviation_metric: &DeviationMetric::new(&opaque),
+            deviation_metric: &DeviationMetric::new(&opaque, &Cancellation::default()),
             sphere: BoundingSphere::around(&model.surface.positions),
             views: &[],
             poses: poses.as_ref(),

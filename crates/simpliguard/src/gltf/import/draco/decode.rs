@@ -67,6 +67,7 @@ pub(in crate::gltf::import) fn decode(
             let geometry = geometry_of(reader, &key, asset.limits.bytes.saturating_sub(bytes))
                 .map_err(|found| undecodable(asset, (m, p), &found))?;
             bytes = bytes.saturating_add(geometry.bytes());
+            asset.allocate("its Draco geometry", geometry.bytes())?;
             let attributes = key.2.iter().map(|(name, accessor, _)| ((*name).to_owned(), *accessor)).collect();
             let (view, indices, places) = (draco.buffer_view, primitive.indices, vec![(m, p)]);
             keys.insert(key, out.len());

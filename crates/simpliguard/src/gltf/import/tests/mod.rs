@@ -9,6 +9,7 @@ mod geometry;
 mod hostile;
 mod ktx2;
 mod materials;
+mod memory;
 mod skins;
 
 use crate::data::Model;

@@ -199,6 +199,17 @@ fn frames_of_clips_become_poses_of_the_bones() {
 }
 
 #[test]
+fn clips_without_channels_hold_one_pose() {
+    let mut file = skinned(&[[0, 1, 0, 0]; 3], &[[0.25, 0.75, 0.0, 0.0]; 3]);
+    for _ in 0..3 {
+        file.push("animations", json!({}));
+    }
+    let rig = file.model().rig.expect("a rig");
+    assert_eq!((rig.poses.len(), rig.poses[7].frame), (8, Some((0, 0.0))));
+    assert!(rig.poses.iter().all(|pose| pose.world[1] == rig.bones[1].rest_world));
+}
+
+#[test]
 fn a_clip_that_cannot_be_read_is_noted_and_does_no_harm() {
     let mut file = skinned(&[[0, 1, 0, 0]; 3], &[[0.25, 0.75, 0.0, 0.0]; 3]);
     let channel = json!({"sampler": 0, "target": {"node": 1, "path": "translation"}});
