@@ -277,7 +277,7 @@ mod tests {
         ];
         assert_eq!(
             (PIPELINE_VERSION, keys.map(|key| key.hex()[..16].to_owned())),
-            ("11", ["15132d54355151b1", "08d1056baa5ab877"].map(str::to_owned))
+            ("12", ["e406eec3cd22af1e", "5c427135e7b76c9f"].map(str::to_owned))
         );
     }
 }

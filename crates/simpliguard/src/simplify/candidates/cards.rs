@@ -27,8 +27,8 @@ const LEAF_THICKNESS: f32 = 0.35;
 const LEAVES: usize = 300;
 /// Least fraction of the visible pixels that leaves cover.
 const LEAF_PIXELS: f64 = 0.25;
-/// Least and largest fraction of the budget for the rest of the source. Between them, it is its fraction of the pixels.
-const TRUNK: [f64; 2] = [0.12, 0.3];
+/// Fraction of the budget for the rest of the source.
+const TRUNK: f64 = 0.3;
 
 /// A source divided into leaves and a trunk, which is all the rest.
 struct Foliage {
@@ -41,8 +41,6 @@ struct Foliage {
     is_leaf: Vec<bool>,
     /// Number of pixels that each triangle covers, over all views.
     pixels: Vec<u32>,
-    /// Fraction of the budget for the trunk.
-    trunk_share: f64,
 }
 
 /// One shape for each budget if the source is foliage, else `None`.
@@ -82,14 +80,12 @@ impl Foliage {
                 .sum::<f64>()
         };
         let (of_leaves, of_trunk) = (count(true), count(false));
-        let trunk_share = (of_trunk / (of_leaves + of_trunk).max(1.0)).clamp(TRUNK[0], TRUNK[1]);
-        let is_foliage = of_leaves >= LEAF_PIXELS * (of_leaves + of_trunk);
-        is_foliage.then_some(Self { mesh, source, leaves, is_leaf, pixels, trunk_share })
+        (of_leaves >= LEAF_PIXELS * (of_leaves + of_trunk)).then_some(Self { mesh, source, leaves, is_leaf, pixels })
     }
 
     /// The trunk, collapsed, and cards for the rest of the budget.
     fn shape(&self, inputs: &Inputs<'_>, params: &SimplifyParams, budget: u32) -> Shape {
-        let mut mesh = self.trunk(inputs, params, (f64::from(budget) * self.trunk_share) as u32);
+        let mut mesh = self.trunk(inputs, params, (f64::from(budget) * TRUNK) as u32);
         let mut cards = Cards {
             group: vec![NO_CARD; mesh.triangles.len()],
             source_group: vec![NO_CARD; inputs.model.surface.triangles.len()],
