@@ -240,14 +240,13 @@ mod tests {
 
     #[test]
     fn leaves_are_small_and_flat_or_small_and_cut_out() {
-        // The diagonal of the slab is 4.6.
-        let is_leaf = |is_cut_out, radius| is_leaf(&slab(), is_cut_out, radius);
-        assert!(is_leaf(false, 20.0) && is_leaf(true, 20.0));
-        assert!(!is_leaf(false, 10.0) && is_leaf(true, 10.0));
-        assert!(!is_leaf(true, 5.0));
-        let cube: Vec<Vec3> =
-            slab().iter().map(|p| *p * Vec3::new(0.01, 0.01, 0.01)).chain([Vec3::splat(0.05)]).collect();
-        assert!(super::is_leaf(&cube, true, 20.0));
+        // The diagonal of the slab's bounding box is between 4.6 and 6.9.
+        let slab = |is_cut_out, radius| is_leaf(&slab(), is_cut_out, radius);
+        assert!(slab(false, 30.0) && slab(true, 30.0));
+        assert!(!slab(false, 12.0) && slab(true, 12.0));
+        assert!(!slab(true, 5.0));
+        let cube: Vec<Vec3> = (0..8).map(|i| Vec3::new((i & 1) as f32, (i >> 1 & 1) as f32, (i >> 2) as f32)).collect();
+        assert!(!is_leaf(&cube, false, 30.0) && is_leaf(&cube, true, 30.0));
     }
 
     #[test]
