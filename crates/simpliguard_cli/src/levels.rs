@@ -4,14 +4,8 @@ use std::collections::BTreeSet;
 
 use serde_json::{Value, json};
 use simpliguard::data::Model;
-use simpliguard::gltf::{ImportLimits, import};
+use simpliguard::gltf::{ImportLimits, import, with_json};
 use simpliguard::{Error, NoResources, Source, StageId};
-
-/// Bytes of the header of a binary glTF, and of that of a chunk.
-const HEADER: usize = 12;
-const CHUNK_HEADER: usize = 8;
-/// Kind of the chunk with the JSON.
-const JSON_CHUNK: &[u8] = b"JSON";
 
 /// A level in an output of `bake`.
 #[derive(Clone, Debug, PartialEq)]
@@ -55,7 +49,7 @@ impl LevelNode {
     /// Those of the import, and if the file is no binary glTF.
     pub(crate) fn model(&self, name: &str, json: &Value, file: &[u8]) -> Result<Model, Error> {
         let own = format!("{name}, LOD{}", self.level);
-        let bytes = self.alone(json).and_then(|json| with_json(&json, file)).ok_or_else(|| {
+        let bytes = self.alone(json).and_then(|json| with_json(file, &json)).ok_or_else(|| {
             let found = "it is no binary glTF with a scene, as every output of this program is";
             Error::invalid(&own, StageId::Import, found, "bake the model again")
         })?;
@@ -100,23 +94,6 @@ fn is_below(json: &Value, roots: &[usize], node: usize) -> bool {
     seen.contains(&node)
 }
 
-/// A binary glTF with another JSON.
-fn with_json(json: &Value, file: &[u8]) -> Option<Vec<u8>> {
-    let length = file.get(HEADER..HEADER + 4)?.try_into().ok().map(u32::from_le_bytes)? as usize;
-    let kind = file.get(HEADER + 4..HEADER + CHUNK_HEADER)?;
-    let rest = file.get((HEADER + CHUNK_HEADER).checked_add(length)?..).filter(|_| kind == JSON_CHUNK)?;
-    let mut text = serde_json::to_vec(json).ok()?;
-    text.resize(text.len().next_multiple_of(4), b' ');
-    let total = u32::try_from(HEADER + CHUNK_HEADER + text.len() + rest.len()).ok()?;
-    let mut out = file.get(..8)?.to_vec();
-    out.extend(total.to_le_bytes());
-    out.extend((text.len() as u32).to_le_bytes());
-    out.extend(JSON_CHUNK);
-    out.extend(text);
-    out.extend(rest);
-    Some(out)
-}
-
 #[cfg(test)]
 mod tests {
     use serde_json::json;
@@ -145,16 +122,5 @@ mod tests {
         assert_eq!((&alone["nodes"][1], alone["nodes"][0].get("mesh")), (&document["nodes"][1], None));
         // One that stands in the scene is not added again.
         assert_eq!(levels[0].alone(&document).expect("a scene")["scenes"][0]["nodes"], json!([3]));
-    }
-
-    #[test]
-    fn only_the_json_of_a_file_is_replaced() {
-        let mut file = b"glTF\x02\0\0\0\x20\0\0\0\x04\0\0\0JSON{}  ".to_vec();
-        file.extend(b"rest");
-        let out = with_json(&json!({"scene": 3}), &file).expect("a binary glTF");
-        assert_eq!(&out[20..32], b"{\"scene\":3} ");
-        assert_eq!((&out[32..], u32::from_le_bytes([out[8], out[9], out[10], out[11]])), (&b"rest"[..], 36));
-        assert!(with_json(&json!({}), b"{}").is_none());
-        assert!(with_json(&json!({}), b"glTF\x02\0\0\0\x20\0\0\0\xff\xff\xff\xffJSON").is_none());
     }
 }

@@ -1,4 +1,4 @@
-//! How much a level looks like its source, from views that no bake fits: a quick measure for ablations.
+//! Similarity of a level and its source, from views that no bake fits: a quick measure for ablations.
 //!
 //! [`compare`](crate::compare::compare) takes the views of the benchmark and measures more.
 

@@ -1,5 +1,8 @@
 //! The layout of binary glTF 2.0: a header of 12 bytes, then chunks of a length, a kind and data.
 
+use serde::Serialize;
+use serde_json::Value;
+
 /// The first four bytes of the file.
 pub(super) const MAGIC: &[u8; 4] = b"glTF";
 /// The version in the header.
@@ -85,6 +88,41 @@ fn split_binary(bytes: &[u8]) -> Result<Chunks<'_>, Fault> {
     Ok(Chunks { json, bin })
 }
 
+/// The start of a binary glTF of `total` bytes. The chunks follow: [`push_chunk`].
+pub(super) fn header(total: u32) -> Vec<u8> {
+    let mut out = Vec::with_capacity(total as usize);
+    out.extend(MAGIC);
+    out.extend(VERSION.to_le_bytes());
+    out.extend(total.to_le_bytes());
+    out
+}
+
+/// Appends a chunk. Its data is padded to whole words.
+pub(super) fn push_chunk(out: &mut Vec<u8>, kind: u32, data: &[u8]) {
+    out.extend((data.len() as u32).to_le_bytes());
+    out.extend(kind.to_le_bytes());
+    out.extend(data);
+}
+
+/// JSON text, padded to whole words.
+pub(super) fn padded_json(json: &impl Serialize) -> serde_json::Result<Vec<u8>> {
+    let mut text = serde_json::to_vec(json)?;
+    text.resize(text.len().next_multiple_of(4), b' ');
+    Ok(text)
+}
+
+/// A binary glTF with another JSON. The bytes behind its JSON stay as they are. `None` if it is no binary glTF.
+pub fn with_json(file: &[u8], json: &Value) -> Option<Vec<u8>> {
+    let kind = u32_at(file, HEADER_BYTES + 4).filter(|kind| *kind == JSON_CHUNK)?;
+    let size = u32_at(file, HEADER_BYTES)? as usize;
+    let rest = file.get((HEADER_BYTES + CHUNK_HEADER_BYTES).checked_add(size)?..)?;
+    let text = padded_json(json).ok()?;
+    let mut out = header(u32::try_from(HEADER_BYTES + CHUNK_HEADER_BYTES + text.len() + rest.len()).ok()?);
+    push_chunk(&mut out, kind, &text);
+    out.extend(rest);
+    Some(out)
+}
+
 fn truncated(what: &str, length: usize) -> Fault {
     Fault::Broken(format!("the file is truncated: it should hold {what}, but it ends after {length} bytes"))
 }
@@ -94,4 +132,22 @@ fn unpadded(text: &[u8]) -> &[u8] {
     let text = text.strip_prefix(UTF8_BOM).unwrap_or(text);
     let end = text.iter().rposition(|&byte| byte != 0).map_or(0, |last| last + 1);
     &text[..end]
+}
+
+#[cfg(test)]
+mod tests {
+    use serde_json::json;
+
+    use super::*;
+
+    #[test]
+    fn only_the_json_of_a_file_is_replaced() {
+        let mut file = b"glTF\x02\0\0\0\x20\0\0\0\x04\0\0\0JSON{}  ".to_vec();
+        file.extend(b"rest");
+        let out = with_json(&file, &json!({"scene": 3})).expect("a binary glTF");
+        assert_eq!(&out[20..32], b"{\"scene\":3} ");
+        assert_eq!((&out[32..], u32_at(&out, 8)), (&b"rest"[..], Some(36)));
+        assert!(with_json(b"{}", &json!({})).is_none());
+        assert!(with_json(b"glTF\x02\0\0\0\x20\0\0\0\xff\xff\xff\xffJSON", &json!({})).is_none());
+    }
 }

@@ -7,6 +7,7 @@ mod uris;
 
 pub(crate) use export::export_in;
 pub use export::{ExportParams, export, export_level};
+pub use glb::with_json;
 pub(crate) use import::import_in;
 pub use import::{ImportLimits, has_levels, import};
 pub use uris::{check_binary, external_uris};

@@ -130,8 +130,7 @@ impl<'a> Painter<'a> {
         let areas: Vec<f32> = self.sides.iter().enumerate().map(area).collect();
         let shown = inputs.tools.shown(self.mesh, shape.cards.as_ref(), &points, &areas);
         let clear = shown.iter().filter(|shown| !**shown).count();
-        let is_cut_out = shape.cards.is_some() || is_cut_out(clear, shown.len());
-        if is_cut_out { shown } else { Vec::new() }
+        if shape.cards.is_some() || is_cut_out(clear, shown.len()) { shown } else { Vec::new() }
     }
 
     /// The cell of a face at barycentric coordinates.

@@ -1,4 +1,4 @@
-//! What is in a model.
+//! The contents of a model.
 
 use serde::Serialize;
 use serde_json::Value;
@@ -6,7 +6,7 @@ use simpliguard::data::Model;
 
 use super::document::{Document, index, texture_memory};
 
-/// What is in a model, by the lists of its file.
+/// The contents of a model, by the lists of its file.
 #[derive(Serialize)]
 pub(super) struct Contents {
     /// Triangles and vertices of the default scene, with all instances.

@@ -1,4 +1,4 @@
-//! `simpliguard inspect`: what is in a model and what a bake of it would be, or how the program bakes.
+//! `simpliguard inspect`: the contents of a model, its settings and its result in the cache; or the stages of the pipeline.
 
 mod contents;
 mod document;
@@ -25,7 +25,7 @@ use crate::source::SourceFile;
 /// Version of the JSON document. It is raised when a field changes its meaning or is removed.
 const DOCUMENT_VERSION: u32 = 1;
 
-/// What there is to say about a model.
+/// Everything that is said about a model.
 #[derive(Serialize)]
 struct Inspection {
     version: u32,
@@ -37,8 +37,8 @@ struct Inspection {
     /// The levels in an output of `bake`.
     levels: Vec<LevelSize>,
     settings: Vec<Setting>,
-    result: BakedBefore,
-    /// What the import leaves out.
+    result: CachedResult,
+    /// Notes on what the import leaves out.
     notes: Vec<String>,
 }
 
@@ -65,7 +65,7 @@ struct Setting {
 
 /// The result of a bake with these settings.
 #[derive(Serialize)]
-struct BakedBefore {
+struct CachedResult {
     /// It stands for all bytes of the source, the settings and the version of the pipeline.
     key: String,
     cached: bool,
@@ -118,13 +118,13 @@ fn inspect(path: &Path, args: &InspectArgs) -> Result<Inspection, UsageError> {
             .effective()
             .map(|e| Setting { name: e.name, value: e.value, origin: e.origin.to_string() })
             .collect(),
-        result: BakedBefore::find(&bake, cache.as_ref()),
+        result: CachedResult::find(&bake, cache.as_ref()),
         notes: model.notes.clone(),
         file: name,
     })
 }
 
-impl BakedBefore {
+impl CachedResult {
     /// Looks a result up in the cache of this machine.
     fn find(bake: &CachedBake<'_>, cache: Option<&simpliguard_cache::Cache>) -> Self {
         let warn = |notice: simpliguard_bake::Notice| console::warning(&notice.to_string());

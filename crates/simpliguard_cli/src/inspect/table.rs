@@ -3,7 +3,7 @@
 use bytesize::ByteSize;
 
 use super::contents::{Clip, Contents, MaterialInfo, Mesh, Skin, TextureInfo};
-use super::{BakedBefore, Inspection, LevelSize, Setting};
+use super::{CachedResult, Inspection, LevelSize, Setting};
 use crate::output::columns;
 
 /// Items of a list that are shown; `--json` has all of them.
@@ -42,7 +42,7 @@ fn contents_text(contents: &Contents) -> String {
     out + &list("clips", &["clip", "seconds", "channels"], Align::Numbers, clips, clip)
 }
 
-fn result_text(BakedBefore { key, cached, levels }: &BakedBefore, pipeline_version: &str) -> String {
+fn result_text(CachedResult { key, cached, levels }: &CachedResult, pipeline_version: &str) -> String {
     let found = if *cached { "the cache has it" } else { "not in the cache of this machine" };
     let mut out = format!("result: key {key}, pipeline version {pipeline_version}: {found}\n");
     if !levels.is_empty() {

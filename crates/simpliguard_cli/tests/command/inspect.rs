@@ -1,4 +1,4 @@
-//! What `inspect` says of a model.
+//! `inspect` on a model.
 
 use crate::bake::quick;
 use crate::folder::{Folder, sphere, triangle};

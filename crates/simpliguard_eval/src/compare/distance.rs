@@ -20,14 +20,14 @@ pub struct Distances {
 }
 
 /// A source to measure levels against.
-pub(crate) struct Ruler {
+pub(crate) struct DistanceMetric {
     points: Vec<Vec3>,
     bvh: Bvh,
     diagonal: f64,
 }
 
-impl Ruler {
-    /// A ruler on a source; `None` on a surface without an area.
+impl DistanceMetric {
+    /// Samples a source; `None` on a surface without an area.
     pub(crate) fn new(source: &TriMesh) -> Option<Self> {
         let points = sample(source, POINTS);
         let (low, high) = bounds(&source.positions);
@@ -96,7 +96,7 @@ mod tests {
 
     #[test]
     fn parallel_planes_are_as_far_as_they_are_shifted() {
-        let found = Ruler::new(&plane(0.0)).and_then(|ruler| ruler.measure(&plane(0.3))).expect("surfaces");
+        let found = DistanceMetric::new(&plane(0.0)).and_then(|metric| metric.measure(&plane(0.3))).expect("surfaces");
         let expected = 0.3 / 8f64.sqrt();
         assert!((found.chamfer - expected).abs() < 1e-7 && (found.hausdorff - expected).abs() < 1e-7, "{found:?}");
     }
@@ -104,15 +104,15 @@ mod tests {
     #[test]
     fn a_missing_half_counts_in_one_direction() {
         let half = TriMesh { triangles: vec![[0, 1, 2]], ..plane(0.0) };
-        let found = Ruler::new(&plane(0.0)).and_then(|ruler| ruler.measure(&half)).expect("surfaces");
+        let found = DistanceMetric::new(&plane(0.0)).and_then(|metric| metric.measure(&half)).expect("surfaces");
         // The farthest corner is half the diagonal off; the mean over its half is a third of that.
         assert!((found.hausdorff - 0.5).abs() < 0.01 && (found.chamfer - 0.5 / 3.0 / 4.0).abs() < 1e-3, "{found:?}");
     }
 
     #[test]
     fn nothing_has_no_distance() {
-        assert!(Ruler::new(&TriMesh::default()).is_none());
-        assert!(Ruler::new(&plane(0.0)).is_some_and(|ruler| ruler.measure(&TriMesh::default()).is_none()));
+        assert!(DistanceMetric::new(&TriMesh::default()).is_none());
+        assert!(DistanceMetric::new(&plane(0.0)).is_some_and(|metric| metric.measure(&TriMesh::default()).is_none()));
     }
 
     #[test]

@@ -36,7 +36,7 @@ const RGB_TO_XYZ: Mat3 = Mat3::from_cols_array(&[
     70_074_185.0 / 73_733_382.0,
 ]);
 
-/// What does not depend on the images.
+/// Constants that do not depend on the images.
 struct Constants {
     xyz_to_rgb: Mat3,
     white: Vec3,
@@ -140,13 +140,13 @@ fn color_difference(a: Vec3, b: Vec3) -> f32 {
 }
 
 /// An image as the eye sees it.
-pub(crate) struct Seen {
+pub(crate) struct FlipImage {
     colors: Vec<Vec3>,
     edges: Vec<f32>,
     points: Vec<f32>,
 }
 
-impl Seen {
+impl FlipImage {
     /// Looks at an image of three encoded channels.
     pub(crate) fn new([red, green, blue]: &[Plane; 3]) -> Self {
         let constants = &*CONSTANTS;
@@ -215,7 +215,7 @@ mod tests {
     }
 
     fn mean(a: &[Plane; 3], b: &[Plane; 3]) -> f32 {
-        let (a, b) = (Seen::new(a), Seen::new(b));
+        let (a, b) = (FlipImage::new(a), FlipImage::new(b));
         let all: Vec<f32> = a.difference(&b).collect();
         all.iter().sum::<f32>() / all.len() as f32
     }

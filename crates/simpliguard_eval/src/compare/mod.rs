@@ -1,4 +1,4 @@
-//! How much levels look like their source, and how far their surfaces are from it.
+//! Comparison of levels with their source: likeness of their pictures, and distance of their surfaces.
 //!
 //! The views, the background, the grid and the units are those of the benchmark that `docs/results.md` describes. That page
 //! also says how closely the figures agree.
@@ -20,14 +20,14 @@ pub use distance::Distances;
 pub use motion::MotionMetrics;
 pub use views::{ImageMetrics, cameras};
 
-use distance::Ruler;
-use views::looks;
+use distance::DistanceMetric;
+use views::view_metrics;
 use volume::Grid;
 
 /// Views of the paper.
 pub const VIEWS: usize = 80;
 
-/// What to compare by.
+/// Options of a comparison.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Options {
     /// Number of views of the rest pose.
@@ -67,21 +67,21 @@ pub struct Comparison {
 pub fn compare(source: &Model, levels: &[&Model], options: &Options) -> Vec<Comparison> {
     let mesh = mesh_of(source);
     let inside = Grid::around(&mesh).map(|grid| (grid, grid.occupancy(&mesh)));
-    let ruler = Ruler::new(&mesh);
-    let looks = looks(source, levels, options.views);
-    let compare = |(level, look): (&&Model, views::Look)| {
+    let metric = DistanceMetric::new(&mesh);
+    let views = view_metrics(source, levels, options.views);
+    let compare = |(level, metrics): (&&Model, views::ViewMetrics)| {
         let mesh = mesh_of(level);
         Comparison {
             faces: mesh.triangles.len(),
-            unlit: look.unlit,
-            lit: look.lit,
-            silhouette_iou: look.silhouette_iou,
+            unlit: metrics.unlit,
+            lit: metrics.lit,
+            silhouette_iou: metrics.silhouette_iou,
             iou_3d: inside.as_ref().and_then(|(grid, inside)| inside.iou(&grid.occupancy(&mesh))),
-            distances: ruler.as_ref().and_then(|ruler| ruler.measure(&mesh)),
+            distances: metric.as_ref().and_then(|metric| metric.measure(&mesh)),
             motion: if options.motion { motion::motion(source, level) } else { None },
         }
     };
-    levels.par_iter().zip(looks).map(compare).collect()
+    levels.par_iter().zip(views).map(compare).collect()
 }
 
 /// The triangles of a model, and the vertices that they use.

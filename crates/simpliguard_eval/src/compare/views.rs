@@ -7,7 +7,7 @@ use simpliguard::data::Model;
 use simpliguard::geometry::BoundingSphere;
 use simpliguard::render::{Camera, Image, Light, Renderer, SurfaceSampler};
 
-use super::flip::Seen;
+use super::flip::FlipImage;
 use super::image::Pair;
 
 /// Side of a view in pixels. Each pixel is the mean of [`SAMPLES`] x [`SAMPLES`] points.
@@ -33,9 +33,9 @@ pub struct ImageMetrics {
     pub flip: f64,
 }
 
-/// How one level looks.
+/// Likeness of one level, over views.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(crate) struct Look {
+pub(crate) struct ViewMetrics {
     pub(crate) unlit: ImageMetrics,
     pub(crate) lit: ImageMetrics,
     pub(crate) silhouette_iou: f64,
@@ -56,7 +56,7 @@ pub fn cameras(sphere: &BoundingSphere, n: usize) -> Vec<Camera> {
 }
 
 /// Compares levels with their source over views. Each view of the source is drawn once.
-pub(crate) fn looks(source: &Model, levels: &[&Model], views: usize) -> Vec<Look> {
+pub(crate) fn view_metrics(source: &Model, levels: &[&Model], views: usize) -> Vec<ViewMetrics> {
     let cameras = cameras(&BoundingSphere::around(&source.surface.positions), views);
     let samplers: Vec<SurfaceSampler<'_>> =
         std::iter::once(source).chain(levels.iter().copied()).map(SurfaceSampler::new).collect();
@@ -68,13 +68,13 @@ pub(crate) fn looks(source: &Model, levels: &[&Model], views: usize) -> Vec<Look
     let view = |camera: &Camera| {
         let (source, levels) = samplers.split_first()?;
         let source = draw(source, camera);
-        Some(levels.iter().map(|level| Look::of(&source, &draw(level, camera))).collect())
+        Some(levels.iter().map(|level| ViewMetrics::of(&source, &draw(level, camera))).collect())
     };
-    let by_view: Vec<Vec<Look>> = cameras.par_iter().filter_map(view).collect();
-    (0..levels.len()).map(|level| Look::mean(by_view.iter().map(|view| &view[level]))).collect()
+    let by_view: Vec<Vec<ViewMetrics>> = cameras.par_iter().filter_map(view).collect();
+    (0..levels.len()).map(|level| ViewMetrics::mean(by_view.iter().map(|view| &view[level]))).collect()
 }
 
-impl Look {
+impl ViewMetrics {
     /// One view of a source and of a level, each without and with light.
     fn of(source: &[Image; 2], level: &[Image; 2]) -> Self {
         let [unlit, lit] = [0, 1].map(|light| Pair::new(&source[light], &level[light]));
@@ -93,7 +93,7 @@ impl Look {
 
 impl ImageMetrics {
     fn of(pair: &Pair) -> Self {
-        let [a, b] = pair.planes.each_ref().map(Seen::new);
+        let [a, b] = pair.planes.each_ref().map(FlipImage::new);
         let flip = a.difference(&b).map(f64::from).sum::<f64>() / pair.pixels.max(1) as f64;
         Self { psnr: pair.psnr(), psnr_foreground: pair.psnr_foreground(), ssim: pair.ssim(), flip }
     }

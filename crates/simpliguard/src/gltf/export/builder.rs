@@ -3,7 +3,7 @@
 use serde_json::{Map, Value, json};
 
 use super::fault::fault;
-use crate::gltf::glb::{BIN_CHUNK, CHUNK_HEADER_BYTES, HEADER_BYTES, JSON_CHUNK, MAGIC, VERSION};
+use crate::gltf::glb::{self, BIN_CHUNK, CHUNK_HEADER_BYTES, HEADER_BYTES, JSON_CHUNK};
 use crate::{Error, StageId};
 
 /// Size of the largest binary glTF: its length field has 32 bits.
@@ -157,9 +157,8 @@ impl Builder {
             self.json.insert("buffers".into(), json!([{ "byteLength": self.bin.len() }]));
         }
         self.json.retain(|_, value| !matches!(value, Value::Array(all) if all.is_empty()));
-        let mut json = serde_json::to_vec(&self.json)
-            .map_err(|e| fault(&self.asset, format!("the JSON cannot be written: {e}")))?;
-        json.resize(json.len().next_multiple_of(4), b' ');
+        let json =
+            glb::padded_json(&self.json).map_err(|e| fault(&self.asset, format!("the JSON cannot be written: {e}")))?;
         self.bin.resize(self.bin.len().next_multiple_of(4), 0);
         let mut chunks = vec![(JSON_CHUNK, json)];
         if !self.bin.is_empty() {
@@ -175,16 +174,9 @@ impl Builder {
                 limit: MAX_BYTES,
             });
         }
-        let mut glb = Vec::with_capacity(total);
-        glb.extend_from_slice(MAGIC);
-        glb.extend_from_slice(&VERSION.to_le_bytes());
-        glb.extend_from_slice(&(total as u32).to_le_bytes());
-        for (kind, data) in chunks {
-            glb.extend_from_slice(&(data.len() as u32).to_le_bytes());
-            glb.extend_from_slice(&kind.to_le_bytes());
-            glb.extend_from_slice(&data);
-        }
-        Ok(glb)
+        let mut out = glb::header(total as u32);
+        chunks.iter().for_each(|(kind, data)| glb::push_chunk(&mut out, *kind, data));
+        Ok(out)
     }
 }
 
