@@ -138,7 +138,8 @@ pub enum Error {
     },
     /// The bake would take more memory than it may. Nothing was allocated for it.
     #[error(
-        "{}: {stage}: {what} would take {} of memory, and a bake may take {}; reduce it, or give more with --memory",
+        "{}: {stage}: {what} would take {} of memory, and a bake may take {}; reduce it, or give more with `--memory` or \
+         `SimpliguardPlugin::memory`",
         Printable(asset),
         ByteSize(*needed),
         ByteSize(*limit)

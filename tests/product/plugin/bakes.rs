@@ -264,3 +264,38 @@ fn names_with_several_dots_are_models_too() {
     game.wait_for_levels("hero.v2.glb", 2);
     game.quit();
 }
+
+#[test]
+fn a_model_that_ended_the_game_twice_is_left_as_it_is_until_it_changes() {
+    let project = with_ball();
+    let settings = |steps: u32| {
+        format!(
+            "(defaults: (faces: [100, 200], candidates: Source, views: 8, view_size: 128, texture_size: 64, refine_steps: \
+             {steps}))"
+        )
+    };
+    project.save("config/simpliguard.ron", settings(2000));
+    for _ in 0..2 {
+        let mut game = project.run();
+        game.wait_for("started", "ball.glb");
+        game.kill();
+    }
+    let mut game = project.run();
+    game.wait_for_levels("ball.glb", 0);
+    if game.count("failed") == 0 {
+        game.wait_for("failed", "ball.glb");
+    }
+    let error = game.reported("failed").and_then(|failed| failed["error"].as_str()).expect("a text");
+    assert!(error.starts_with("ball.glb: import: 2 bakes of this model have ended with a crash"), "{error}");
+    project.save("config/simpliguard.ron", settings(10));
+    game.wait_for_levels("ball.glb", 2);
+    game.quit();
+    // A game that ends as it should, or another that bakes the same, blames no model.
+    project.save("config/simpliguard.ron", settings(1999));
+    for _ in 0..3 {
+        let mut game = project.run();
+        game.wait_for("started", "ball.glb");
+        assert_eq!(game.count("failed"), 0);
+        game.quit();
+    }
+}

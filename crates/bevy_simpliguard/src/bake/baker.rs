@@ -15,6 +15,7 @@ use simpliguard_bake::{CachePlace, OutsideProject, Parts, look_up, open_cache};
 use simpliguard_cache::Cache;
 
 use super::activity::ProcessorActivity;
+use super::attempts::Attempts;
 use super::events::{BakeFailed, Event};
 use super::input::Input;
 use super::journal::Journal;
@@ -32,6 +33,7 @@ pub(super) struct Baker {
     /// Memory in bytes that one bake may take.
     pub(super) memory: u64,
     pub(super) journal: Journal,
+    pub(super) attempts: Attempts,
     pub(super) activity: Arc<ProcessorActivity>,
     pub(super) queue: Arc<Queue>,
     pub(super) events: async_channel::Sender<Event>,

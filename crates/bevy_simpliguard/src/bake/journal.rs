@@ -5,7 +5,7 @@ use std::io;
 use std::path::{Path, PathBuf};
 
 use bevy::asset::AssetPath;
-use simpliguard_cache::{Durability, write_atomic};
+use simpliguard_cache::{Durability, remove_stale_temporaries, write_atomic};
 
 /// The processed assets of a game, and the notes on them.
 #[derive(Clone, Debug)]
@@ -33,6 +33,18 @@ impl Journal {
         let folder = self.notes.join("scratch");
         fs::create_dir_all(&folder)?;
         Ok(folder)
+    }
+
+    /// The folder of notes on bakes that run.
+    pub(super) fn attempts(&self) -> PathBuf {
+        self.notes.join("attempts")
+    }
+
+    /// Removes temporary files that killed games have left in the folders of notes.
+    pub(super) fn remove_stale_temporaries(&self) {
+        for folder in ["scratch", "pending", "good", "attempts"] {
+            remove_stale_temporaries(&self.notes.join(folder));
+        }
     }
 
     /// Notes that the levels of a model are still to be baked.

@@ -12,6 +12,7 @@
 //! ```
 
 mod activity;
+mod attempts;
 mod baker;
 mod events;
 mod folders;
@@ -46,6 +47,7 @@ pub use processor::{MetaSettings, SimpliguardProcess};
 pub use status::{BakeStatus, Bakes};
 
 use crate::options::{BakeMode, BakeOptions, BakePriority};
+use attempts::Attempts;
 use baker::Baker;
 use events::{EventReceiver, deliver};
 use folders::{Folders, Use};
@@ -53,11 +55,17 @@ use input::{Files, Input, InputLoader};
 use journal::Journal;
 use lock::{NoLog, ProcessorLock};
 use project::Project;
-use queue::Queue;
 
-/// The queue, which is closed when the game ends.
+/// The baker, whose queue is closed when the game ends.
 #[derive(Resource)]
-struct OpenQueue(Arc<Queue>);
+struct OpenBaker(Arc<Baker>);
+
+impl Drop for OpenBaker {
+    /// A game that panics for a reason of its own drops its resources on the way out.
+    fn drop(&mut self) {
+        self.0.attempts.end_all();
+    }
+}
 
 /// Registers the asset sources, before `AssetPlugin` is built.
 pub(crate) fn build(options: &BakeOptions, app: &mut App) {
@@ -123,11 +131,14 @@ fn start(options: &BakeOptions, app: &mut App, processor: AssetProcessor, folder
     let (sender, receiver) = async_channel::unbounded();
     let mode = mode(options, &configured);
     let base = FileAssetReader::get_base_path();
+    let journal = Journal::new(base.join(&paths.processed));
+    journal.remove_stale_temporaries();
     let baker = Arc::new(Baker {
+        attempts: Attempts::new(journal.attempts()),
         mode,
         cache_dir: options.cache_dir.clone(),
         memory: options.memory.unwrap_or_else(simpliguard_bake::default_memory),
-        journal: Journal::new(base.join(&paths.processed)),
+        journal,
         activity: folders.activity().clone(),
         project,
         queue: Arc::default(),
@@ -147,7 +158,7 @@ fn start(options: &BakeOptions, app: &mut App, processor: AssetProcessor, folder
         return;
     }
     app.insert_resource(EventReceiver(receiver))
-        .insert_resource(OpenQueue(baker.queue.clone()))
+        .insert_resource(OpenBaker(baker.clone()))
         .add_systems(PreUpdate, deliver)
         .add_systems(Last, close_with_game)
         .init_asset::<Input>()
@@ -215,8 +226,9 @@ fn warn_if_slow() {
     }
 }
 
-fn close_with_game(mut exits: MessageReader<AppExit>, queue: Res<OpenQueue>) {
+fn close_with_game(mut exits: MessageReader<AppExit>, baker: Res<OpenBaker>) {
     if exits.read().next().is_some() {
-        queue.0.close();
+        baker.0.queue.close();
+        baker.0.attempts.end_all();
     }
 }

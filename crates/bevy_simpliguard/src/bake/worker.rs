@@ -134,7 +134,9 @@ impl Worker {
         let cancellation = in_flight.cancellation.clone();
         let memory = Some(self.baker.memory);
         let context = Context { cancellation, progress: Some(&host), preview, memory, ..Context::default() };
-        let outcome = bake.run(&context, &host)?;
+        let outcome = bake.run(&context, &host);
+        self.baker.attempts.end(bake.key());
+        let outcome = outcome?;
         Ok((outcome.result, if outcome.is_cached { Duration::ZERO } else { start.elapsed() }))
     }
 
@@ -182,6 +184,7 @@ impl WorkerHost<'_> {
 
 impl Host for WorkerHost<'_> {
     fn begin(&self) -> Result<(), Error> {
+        self.worker.baker.attempts.begin(&self.path().to_string(), self.in_flight.job.request.key)?;
         self.tell(|key, path| Event::Started(key, BakeStarted { path }));
         Ok(())
     }

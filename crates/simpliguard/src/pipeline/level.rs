@@ -7,7 +7,8 @@ use super::level_task::{LevelTask, Levels};
 use super::level_texture::LevelTexture;
 use super::level_whole::{Finished, WholeLevel};
 use super::params::LevelParams;
-use super::report::LevelReport;
+use super::report::{LevelReport, Likeness};
+use super::runner::Runner;
 use super::store::{atlas_key, vertices_key, warm_start_key};
 use crate::animation::Motions;
 use crate::data::{Atlas, Candidate, Influences, Level, TriMesh};
@@ -15,7 +16,7 @@ use crate::geometry::{BoundingSphere, Topology};
 use crate::refine::{self, LowPoly, RefineParams, Refined, Skin, TexelGrid, TextureFit, ViewTarget};
 use crate::render::SurfaceSample;
 use crate::settings::JointSplitting;
-use crate::simplify::{self, Shape};
+use crate::simplify::{self, Selected, Shape};
 use crate::skinning;
 use crate::unwrap::unwrap;
 use crate::{Error, StageId};
@@ -24,19 +25,81 @@ use crate::{Error, StageId};
 const FITTED_SIZE: usize = 512;
 /// Difference of colours at which a pixel counts half in the final texture.
 const TRUST: f32 = 0.3;
+/// Relative score of a runner-up that may turn out better.
+const CLOSE_SCORE: f64 = 2.0;
+/// Difference in dB from which on an unrefined level is clearly better than another.
+const CLEARLY_BETTER: f32 = 0.5;
+/// Difference in dB from which on a level looks less like its source than another.
+const LESS_LIKE: f32 = 0.1;
 
 impl Levels<'_> {
     /// Makes the levels side by side, and a report of each.
     pub(super) fn make(&self) -> Result<(Vec<Level>, Vec<LevelReport>), Error> {
         let levels = &self.shapes.solid.levels;
         self.run.expect_levels(levels.len());
-        let make = |(i, (budget, shape)): (usize, &(u32, Shape))| {
-            let (number, params) = (i + 1, self.params.level(*budget, shape.cards.is_some()));
-            LevelTask { all: *self, number, budget: *budget, shape, params, run: self.run.level(number) }.make()
-        };
-        let made: Result<Vec<_>, Error> = levels.par_iter().enumerate().map(make).collect();
-        Ok(made?.into_iter().unzip())
+        let make = |i: usize| self.task(i, self.choose(i)?, self.run).make();
+        let made: Result<Vec<_>, Error> = (0..levels.len()).into_par_iter().map(make).collect();
+        let mut made = made?;
+        for i in 0..made.len() {
+            self.reconsider(i, &mut made)?;
+        }
+        Ok(made.into_iter().unzip())
     }
+
+    /// The shape of a level. Scores are estimates: where two of them are close, both shapes get a texture, and the pictures
+    /// decide.
+    fn choose(&self, i: usize) -> Result<Choice, Error> {
+        let Selected { runner_up, .. } = &self.shapes.solid.levels[i].1;
+        let is_close = runner_up.as_ref().is_some_and(|runner_up| runner_up.relative_score < CLOSE_SCORE);
+        if !is_close || self.pictures.is_none() {
+            return Ok(Choice::Best);
+        }
+        let (params, silent) = (self.params.draft(), self.run.silent());
+        let draft = Levels { params: &params, run: &silent, ..*self };
+        let reached = |choice| draft.task(i, choice, &silent).make().map(|made| psnr(&made));
+        let (best, runner_up) = rayon::join(|| reached(Choice::Best), || reached(Choice::RunnerUp));
+        Ok(if runner_up? > best? + CLEARLY_BETTER { Choice::RunnerUp } else { Choice::Best })
+    }
+
+    /// A level that hardly looks like its source, or less so than a smaller level does, is made again from the other shape;
+    /// the better of the two stays.
+    fn reconsider(&self, i: usize, made: &mut [(Level, LevelReport)]) -> Result<(), Error> {
+        let Selected { best, runner_up } = &self.shapes.solid.levels[i].1;
+        if runner_up.is_none() || self.pictures.is_none() {
+            return Ok(());
+        }
+        let (reached, smaller) = (psnr(&made[i]), made[..i].iter().map(psnr).fold(f32::NEG_INFINITY, f32::max));
+        if made[i].1.warning.is_none() && reached + LESS_LIKE >= smaller {
+            return Ok(());
+        }
+        let other = if made[i].1.candidate == best.candidate.to_string() { Choice::RunnerUp } else { Choice::Best };
+        let again = self.task(i, other, &self.run.silent()).make()?;
+        if psnr(&again) > reached {
+            made[i] = again;
+        }
+        Ok(())
+    }
+
+    /// The task of the level with index `i`.
+    fn task<'s>(&'s self, i: usize, choice: Choice, run: &Runner<'s>) -> LevelTask<'s> {
+        let (budget, selected) = &self.shapes.solid.levels[i];
+        let runner_up = selected.runner_up.as_ref().filter(|_| choice == Choice::RunnerUp);
+        let shape = runner_up.map_or(&selected.best, |runner_up| &runner_up.shape);
+        let (params, run) = (self.params.level(*budget, shape.cards.is_some()), run.level(i + 1));
+        LevelTask { all: *self, number: i + 1, budget: *budget, shape, is_runner_up: runner_up.is_some(), params, run }
+    }
+}
+
+/// Which of the selected shapes a level is made from.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Choice {
+    Best,
+    RunnerUp,
+}
+
+/// How much a level looks like its source, in dB; 0 if nobody has looked.
+fn psnr((_, report): &(Level, LevelReport)) -> f32 {
+    report.likeness.as_ref().map_or(0.0, Likeness::mean_psnr)
 }
 
 /// A level's mesh with its initial texture, and how the texture is fitted.
@@ -131,7 +194,8 @@ impl LevelTask<'_> {
     /// Moves the vertices by differentiable rendering, and the joint weights with them.
     fn refine(&self, textured: Textured, influences: Vec<Influences>) -> Result<Vertices, Error> {
         let Textured { mut low, fit } = textured;
-        let key = self.all.shapes.solid.key.map(|shapes| vertices_key(&shapes, &self.params, self.budget));
+        let key =
+            self.all.shapes.solid.key.map(|shapes| vertices_key(&shapes, &self.params, self.budget, self.is_runner_up));
         let (positions, (influences, refined)) = self.run.stored(StageId::Refine, key, || {
             let moved = self.move_vertices(low.clone(), fit, influences);
             if let Some(key) = self.run.key(|| warm_start_key(&self.shape.mesh)) {

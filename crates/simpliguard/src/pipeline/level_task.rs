@@ -45,6 +45,8 @@ pub(super) struct LevelTask<'a> {
     pub(super) budget: u32,
     /// Of the solid layer.
     pub(super) shape: &'a Shape,
+    /// The shape is not the one with the best score.
+    pub(super) is_runner_up: bool,
     pub(super) params: LevelParams,
     pub(super) run: Runner<'a>,
 }

@@ -20,6 +20,8 @@ const COARSE: u32 = 128;
 const FINE: u32 = 256;
 /// Levels of at most so many faces are seen from afar: half the texture is enough.
 const SMALL_TEXTURE_FACES: u32 = 1000;
+/// Side of the largest texture of a level that is only made to be compared.
+const DRAFT_TEXTURE: u32 = 512;
 /// Side of the smallest texture.
 const SMALLEST_TEXTURE: u32 = 64;
 /// Most faces of a level whose vertices are moved at half resolution: the edges of larger levels are only a few pixels long
@@ -167,6 +169,15 @@ impl Params {
             texture: self.texture,
             refine: RefinementParams { vertices, ..self.refine },
         }
+    }
+
+    /// For levels that are made only to see which shape is better: without differentiable rendering and normal maps, with
+    /// small textures.
+    pub(crate) fn draft(&self) -> Self {
+        let mut draft = self.unrefined();
+        draft.unwrap.size = draft.unwrap.size.min(DRAFT_TEXTURE);
+        draft.maps.normal_map = false;
+        draft
     }
 
     /// Without differentiable rendering, as a preview is made.

@@ -130,6 +130,11 @@ pub struct WrongMaterial {
 }
 
 impl Likeness {
+    /// Mean of the PSNR without and with light, in dB.
+    pub(super) fn mean_psnr(&self) -> f32 {
+        0.5 * (self.psnr + self.psnr_lit)
+    }
+
     /// What is wrong, in words, for a level of this number whose PSNR is below `bar`.
     pub(super) fn warning(&self, level: u32, bar: f32) -> Option<String> {
         if self.psnr >= bar {

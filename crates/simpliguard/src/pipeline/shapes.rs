@@ -11,13 +11,13 @@ use super::views::Views;
 use crate::data::{Candidate, Deviation};
 use crate::geometry::Topology;
 use crate::render::View;
-use crate::simplify::{self, Shape, SimplifyParams};
+use crate::simplify::{self, Selected, Shape, SimplifyParams};
 use crate::{Error, Key, StageId};
 
 /// The shapes of the levels' solid layers.
 pub(super) struct Shapes {
-    /// Budget of each level, budgets ascending, and shape of its solid layer.
-    pub(super) levels: Vec<(u32, Shape)>,
+    /// Budget of each level, budgets ascending, and shapes of its solid layer.
+    pub(super) levels: Vec<(u32, Selected)>,
     /// Notes on targets that no shape meets.
     pub(super) unmet: Vec<String>,
     /// Key of the shapes, if stages are stored.
@@ -39,7 +39,8 @@ impl Shapes {
                 .map_or(Deviation::default(), |(_, shape)| source.deviation_metric.measure(&shape.mesh))
         };
         let (chosen, unmet) = targets.choose(&budgets, &budgets.iter().map(deviation).collect::<Vec<_>>());
-        let levels = chosen.iter().map(|&i| (budgets[i], Shape::empty())).collect();
+        let empty = || Selected { best: Shape::empty(), runner_up: None };
+        let levels = chosen.iter().map(|&i| (budgets[i], empty())).collect();
         Self { levels, unmet, key: None, are_early: false, need_half_resolution: false }
     }
 }
@@ -68,19 +69,19 @@ pub(super) fn find(
         || (need_half_resolution && !are_early).then(|| views.render_half_resolution(params, run)),
     );
     let shapes = shapes?;
-    for shape in &shapes {
+    for shape in shapes.iter().flat_map(Selected::shapes) {
         run.validate(StageId::Simplify, || Topology::validate_manifold(&shape.mesh));
     }
     views.half_resolution = half_resolution;
     let budgets = targets.budgets();
-    let (chosen, unmet) = targets.choose(&budgets, &shapes.iter().map(|s| s.deviation).collect::<Vec<_>>());
+    let (chosen, unmet) = targets.choose(&budgets, &shapes.iter().map(|s| s.best.deviation).collect::<Vec<_>>());
     let levels = chosen.iter().map(|&i| (budgets[i], shapes[i].clone())).collect();
     Ok(Shapes { levels, unmet, key, are_early, need_half_resolution })
 }
 
 /// The store holds the refined vertices of the level of a budget.
 pub(super) fn is_refined(shapes: Option<Key>, params: &Params, budget: u32, run: &Runner<'_>) -> bool {
-    run.knows(shapes.map(|shapes| vertices_key(&shapes, &params.level(budget, false), budget)))
+    run.knows(shapes.map(|shapes| vertices_key(&shapes, &params.level(budget, false), budget, false)))
 }
 
 struct ShapeFinder<'a> {
@@ -99,8 +100,8 @@ impl ShapeFinder<'_> {
         self.run.knows(first.and_then(|candidate| self.candidate_key(candidate)))
     }
 
-    /// The best shape for each budget.
-    fn find(&self) -> Result<Vec<Shape>, Error> {
+    /// The best shapes for each budget.
+    fn find(&self) -> Result<Vec<Selected>, Error> {
         let Self { source, views, params, run, .. } = *self;
         let tools = StageTools { source, run };
         let inputs = tools.inputs(views);

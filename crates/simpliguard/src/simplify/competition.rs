@@ -6,7 +6,7 @@ use super::inputs::Inputs;
 use super::params::SimplifyParams;
 use super::score::Scorer;
 use super::select::{self, Selection};
-use super::shape::Shape;
+use super::shape::{RunnerUp, Selected, Shape};
 use crate::data::{Candidate, Reconstruction};
 use crate::{Error, StageId};
 
@@ -38,7 +38,7 @@ impl<'a> Competition<'a> {
     ///
     /// # Errors
     /// If cancelled, or if no candidate meets a budget.
-    pub(super) fn run(&self) -> Result<Vec<Shape>, Error> {
+    pub(super) fn run(&self) -> Result<Vec<Selected>, Error> {
         let params = &self.params.candidates;
         let mut selections = self.empty_selections();
         self.add(&params.first().collect::<Vec<_>>(), &mut selections)?;
@@ -54,7 +54,7 @@ impl<'a> Competition<'a> {
         {
             self.add(&[Candidate::Reconstruction(finer)], &mut selections)?;
         }
-        let found: Option<Vec<Shape>> = selections.into_iter().map(Selection::into_best).collect();
+        let found: Option<Vec<Selected>> = selections.into_iter().map(Selection::into_selected).collect();
         found.ok_or_else(|| self.no_shape())
     }
 
@@ -63,17 +63,22 @@ impl<'a> Competition<'a> {
     ///
     /// # Errors
     /// If cancelled.
-    pub(super) fn run_with_cards(&self, mut cards: Vec<Shape>) -> Result<Vec<Shape>, Error> {
+    pub(super) fn run_with_cards(&self, mut cards: Vec<Shape>) -> Result<Vec<Selected>, Error> {
         let mut selections = self.empty_selections();
         if self.params.candidates.source {
             self.add(&[Candidate::Source], &mut selections)?;
         }
         cards.par_iter_mut().for_each(|shape| self.scorer.score(self.inputs, shape));
-        let better = |(cards, selection): (Shape, Selection)| match selection.into_best() {
-            Some(source) if source.render_error * CLEARLY_BETTER < cards.render_error => source,
-            _ => cards,
+        let select = |(cards, selection): (Shape, Selection)| {
+            let Some(source) = selection.into_selected().map(|source| source.best) else {
+                return Selected { best: cards, runner_up: None };
+            };
+            let ratio = source.render_error * CLEARLY_BETTER / cards.render_error;
+            let [best, other] = if ratio < 1.0 { [source, cards] } else { [cards, source] };
+            let relative_score = if ratio < 1.0 { ratio.recip() } else { ratio };
+            Selected { best, runner_up: Some(RunnerUp { shape: other, relative_score }) }
         };
-        Ok(cards.into_iter().zip(selections).map(better).collect())
+        Ok(cards.into_iter().zip(selections).map(select).collect())
     }
 
     fn empty_selections(&self) -> Vec<Selection> {

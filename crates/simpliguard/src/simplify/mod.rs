@@ -47,24 +47,24 @@ pub use inputs::{Inputs, Tools};
 pub use opaque::OpaqueSurface;
 pub use params::{CandidateParams, CollapseParams, SimplifyParams};
 pub use score::is_cut_out;
-pub use shape::{Shape, Shortfall};
+pub use shape::{RunnerUp, Selected, Shape, Shortfall};
 
 /// Finds the best shape for each budget, in the order of the budgets.
 ///
 /// # Errors
 /// If cancelled, or if no candidate meets a budget.
-pub fn simplify(inputs: &Inputs<'_>, params: &SimplifyParams, generate: Generate<'_>) -> Result<Vec<Shape>, Error> {
+pub fn simplify(inputs: &Inputs<'_>, params: &SimplifyParams, generate: Generate<'_>) -> Result<Vec<Selected>, Error> {
     let foliage = params.candidates.cards.then(|| cards::shapes(inputs, params)).flatten();
     let competition = Competition::new(inputs, params, generate);
-    let mut shapes = match foliage {
+    let mut selected = match foliage {
         Some(cards) => competition.run_with_cards(cards)?,
         None => competition.run()?,
     };
     inputs.cancellation.check(&inputs.model.name)?;
-    for shape in &mut shapes {
+    for shape in selected.iter_mut().flat_map(Selected::shapes_mut) {
         weld::move_coincident_apart(&mut shape.mesh, weld::COINCIDENT_OFFSET * inputs.sphere.radius);
     }
-    Ok(shapes)
+    Ok(selected)
 }
 
 /// Generates the shapes of a candidate: one for each budget, in the order of the budgets, and then further rounds of

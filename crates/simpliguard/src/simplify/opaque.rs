@@ -28,6 +28,8 @@ pub struct OpaqueSurface {
     pub bvh: Bvh,
     /// Index of each triangle in the source.
     pub source: Vec<u32>,
+    /// Fraction of each triangle that is not cut out, 0 to 1.
+    pub opacity: Vec<f32>,
 }
 
 impl OpaqueSurface {
@@ -35,19 +37,22 @@ impl OpaqueSurface {
     pub fn of(sampler: &SurfaceSampler<'_>) -> Self {
         let surface = &sampler.model().surface;
         let all: Vec<u32> = (0..surface.triangles.len() as u32).collect();
-        let opaque: Vec<u32> = all.par_iter().copied().filter(|&t| is_opaque(sampler, t as usize)).collect();
+        let opacity: Vec<f32> = all.par_iter().map(|&t| opacity(sampler, t as usize)).collect();
+        let opaque: Vec<u32> = all.iter().copied().filter(|&t| opacity[t as usize] >= OPACITY).collect();
         let source = if opaque.is_empty() { all } else { opaque };
         let triangles = source.iter().map(|&t| surface.triangles[t as usize]).collect();
+        let opacity = source.iter().map(|&t| opacity[t as usize]).collect();
         let mesh = TriMesh { positions: surface.positions.clone(), triangles };
-        Self { bvh: Bvh::new(&mesh.positions, &mesh.triangles), mesh, source }
+        Self { bvh: Bvh::new(&mesh.positions, &mesh.triangles), mesh, source, opacity }
     }
 }
 
-fn is_opaque(sampler: &SurfaceSampler<'_>, t: usize) -> bool {
-    let AlphaMode::Mask { cutoff } = sampler.material(t).alpha_mode else { return true };
+/// Fraction of a triangle that is not cut out, from a few points of it.
+fn opacity(sampler: &SurfaceSampler<'_>, t: usize) -> f32 {
+    let AlphaMode::Mask { cutoff } = sampler.material(t).alpha_mode else { return 1.0 };
     let footprint = Footprint::new(0.1, 1.0);
     let is_there = |b: &&[f32; 3]| sampler.color(t, Vec3::from(**b), footprint).w >= cutoff;
-    POINTS.iter().filter(is_there).count() as f32 >= OPACITY * POINTS.len() as f32
+    POINTS.iter().filter(is_there).count() as f32 / POINTS.len() as f32
 }
 
 #[cfg(test)]
@@ -72,7 +77,8 @@ mod tests {
     #[test]
     fn triangles_that_are_cut_out_are_left_out() {
         let model = model(&[0.1, 1.0, 0.6], AlphaMode::Mask { cutoff: 0.5 });
-        assert_eq!(OpaqueSurface::of(&SurfaceSampler::new(&model)).source, [1, 2]);
+        let opaque = OpaqueSurface::of(&SurfaceSampler::new(&model));
+        assert_eq!((opaque.source, opaque.opacity), (vec![1, 2], vec![1.0; 2]));
     }
 
     #[test]

@@ -4,7 +4,7 @@
 //! cracks; the lowest score wins. So a gain of a tenth of a decibel, which a texture may paint over, cannot make up for
 //! any of them.
 
-use super::shape::Shape;
+use super::shape::{RunnerUp, Selected, Shape};
 use crate::data::Candidate;
 use crate::geometry::Topology;
 use crate::geometry::self_intersection::{SEVERE, TOLERATED};
@@ -120,13 +120,18 @@ impl Selection {
         best == cells().max() && best > cells().min()
     }
 
-    /// The shape with the lowest score, handicap included.
-    pub(super) fn into_best(self) -> Option<Shape> {
+    /// The shape with the lowest score, handicap included, and the best of the other kind.
+    pub(super) fn into_selected(self) -> Option<Selected> {
         let scores: Vec<f64> = self.0.iter().map(|contestant| self.handicapped(contestant)).collect();
-        let contestants = self.0.into_iter().zip(scores);
-        contestants
-            .reduce(|best, next| if next.1 < best.1 { next } else { best })
-            .map(|(contestant, _)| contestant.shape)
+        let mut ranked: Vec<(Contestant, f64)> = self.0.into_iter().zip(scores).collect();
+        ranked.sort_by(|a, b| a.1.total_cmp(&b.1));
+        let mut ranked = ranked.into_iter().map(|(contestant, score)| (contestant.shape, score));
+        let is_reconstruction = |shape: &Shape| matches!(shape.candidate, Candidate::Reconstruction(_));
+        let (best, best_score) = ranked.next()?;
+        let runner_up = ranked
+            .find(|(shape, _)| is_reconstruction(shape) != is_reconstruction(&best))
+            .map(|(shape, score)| RunnerUp { shape, relative_score: score / best_score.max(f64::MIN_POSITIVE) });
+        Some(Selected { best, runner_up })
     }
 
     /// The score, with the handicap if the shape intersects itself.
@@ -179,7 +184,7 @@ mod tests {
     }
 
     fn winner<const N: usize>(shapes: [Shape; N]) -> f64 {
-        of(shapes).into_best().expect("one").render_error
+        of(shapes).into_selected().expect("one").best.render_error
     }
 
     #[test]
@@ -187,6 +192,26 @@ mod tests {
         assert_eq!(winner([shape(1.0, 1e-3, 0), shape(0.9, 1e-3, 0)]), 0.9);
         assert_eq!(winner([shape(1.0, 1e-3, 0), shape(0.9, 4e-3, 0)]), 1.0);
         assert_eq!(winner([shape(1.0, 0.0, 0), shape(0.9, 1e-5, 0)]), 0.9);
+    }
+
+    #[test]
+    fn the_runner_up_is_the_best_of_the_other_kind() {
+        let reconstructed = |error: f64| Shape {
+            candidate: Candidate::Reconstruction(crate::data::Reconstruction::new(128)),
+            ..shape(error, 1e-3, 0)
+        };
+        let errors = |shapes: Vec<Shape>| {
+            let contestants = shapes.into_iter().map(Contestant::from).collect();
+            let Selected { best, runner_up } = Selection(contestants).into_selected().expect("one");
+            (
+                best.render_error,
+                runner_up.map(|RunnerUp { shape, relative_score }| (shape.render_error, relative_score)),
+            )
+        };
+        let own = |error: f64| shape(error, 1e-3, 0);
+        assert_eq!(errors(vec![own(1.0), reconstructed(1.3), own(1.1), reconstructed(1.2)]), (1.0, Some((1.2, 1.2))));
+        assert_eq!(errors(vec![own(1.0), reconstructed(0.5)]), (0.5, Some((1.0, 2.0))));
+        assert_eq!(errors(vec![own(1.0), own(1.1)]), (1.0, None));
     }
 
     #[test]

@@ -1,6 +1,6 @@
 //! The result of the stage for one budget.
 
-use std::fmt;
+use std::{fmt, iter};
 
 use crate::data::{Candidate, Cards, Deviation, TriMesh};
 
@@ -23,6 +23,36 @@ pub struct Shape {
     pub shortfall: Shortfall,
     /// Faces that are cut-out cards, if the source is foliage.
     pub cards: Option<Cards>,
+}
+
+/// The shape for one budget, selected by its score.
+#[derive(Clone, Debug)]
+pub struct Selected {
+    /// The best shape.
+    pub best: Shape,
+    /// The best of another kind.
+    pub runner_up: Option<RunnerUp>,
+}
+
+/// The best shape of another kind than the selected one: a reconstruction instead of the source's own triangles, or the
+/// source's own triangles instead of a reconstruction or of cards. Scores are estimates, and it may turn out better.
+#[derive(Clone, Debug)]
+pub struct RunnerUp {
+    /// The shape.
+    pub shape: Shape,
+    /// Its score relative to that of the selected shape, usually 1 or more. Less is better.
+    pub relative_score: f64,
+}
+
+impl Selected {
+    /// Both shapes.
+    pub fn shapes(&self) -> impl Iterator<Item = &Shape> {
+        iter::once(&self.best).chain(self.runner_up.iter().map(|runner_up| &runner_up.shape))
+    }
+
+    pub(super) fn shapes_mut(&mut self) -> impl Iterator<Item = &mut Shape> {
+        iter::once(&mut self.best).chain(self.runner_up.iter_mut().map(|runner_up| &mut runner_up.shape))
+    }
 }
 
 impl Shape {

@@ -15,8 +15,8 @@ use crate::{Error, StageId};
 
 /// Most memory for the metadata in front of the pixels, in bytes.
 const HEADER_BYTES: u64 = 64 << 20;
-/// The largest side of an image in texels.
-pub(super) const LONGEST_SIDE: u32 = 32_768;
+/// The largest side of an image in texels: no graphics card takes more.
+pub(super) const LONGEST_SIDE: u32 = 16_384;
 
 /// Images that are decoded at the same time, as an estimate.
 const AT_ONCE: usize = 8;
@@ -138,6 +138,8 @@ fn size(reader: Reader<'_>, encoded: &Encoded) -> Result<(u64, u64), Error> {
     if width == 0 || height == 0 {
         return Err(reader.asset.invalid(format!("{} has no texels", encoded.label)));
     }
+    let side = format!("the longer side of {} in texels", encoded.label);
+    reader.asset.within(&side, width.max(height) as usize, LONGEST_SIDE.into())?;
     Ok((u64::from(width) * u64::from(height), u64::from(decoder.color_type().bytes_per_pixel())))
 }
 
@@ -153,8 +155,6 @@ fn pixels(reader: Reader<'_>, encoded: &Encoded) -> Result<RgbaImage, Error> {
 fn open(encoded: &Encoded, most_bytes: u64) -> ImageReader<Cursor<&[u8]>> {
     let mut limits = image::Limits::default();
     limits.max_alloc = Some(most_bytes);
-    limits.max_image_width = Some(LONGEST_SIDE);
-    limits.max_image_height = Some(LONGEST_SIDE);
     let mut reader = ImageReader::with_format(Cursor::new(&encoded.bytes[..]), encoded.format);
     reader.limits(limits);
     reader

@@ -6,7 +6,7 @@ use super::stored::{Reader, Stored, Writer};
 use crate::data::{Atlas, Cards, Deviation, Influences, TriMesh};
 use crate::data::{Candidate, Reconstruction};
 use crate::refine::Refined;
-use crate::simplify::{Shape, Shortfall};
+use crate::simplify::{RunnerUp, Selected, Shape, Shortfall};
 
 impl<T: Stored> Stored for Vec<T> {
     fn write(&self, writer: &mut Writer) {
@@ -93,6 +93,30 @@ impl Stored for Cards {
 
     fn read(reader: &mut Reader<'_>) -> Option<Self> {
         Some(Self { group: reader.slice()?, source_group: reader.slice()?, reach: reader.slice()? })
+    }
+}
+
+impl Stored for Selected {
+    fn write(&self, writer: &mut Writer) {
+        let Self { best, runner_up } = self;
+        best.write(writer);
+        runner_up.write(writer);
+    }
+
+    fn read(reader: &mut Reader<'_>) -> Option<Self> {
+        Some(Self { best: Shape::read(reader)?, runner_up: Stored::read(reader)? })
+    }
+}
+
+impl Stored for RunnerUp {
+    fn write(&self, writer: &mut Writer) {
+        let Self { shape, relative_score } = self;
+        shape.write(writer);
+        writer.number(*relative_score);
+    }
+
+    fn read(reader: &mut Reader<'_>) -> Option<Self> {
+        Some(Self { shape: Shape::read(reader)?, relative_score: reader.number()? })
     }
 }
 
@@ -232,6 +256,11 @@ mod tests {
         let bytes = encode(&shapes());
         let read: Vec<Shape> = decode(&bytes).expect("shapes");
         assert_eq!(format!("{read:?}"), format!("{:?}", shapes()));
+        for runner_up in [None, Some(RunnerUp { shape: shapes().remove(1), relative_score: 1.5 })] {
+            let selected = Selected { best: shapes().remove(0), runner_up };
+            let read: Selected = decode(&encode(&selected)).expect("selected");
+            assert_eq!(format!("{read:?}"), format!("{selected:?}"));
+        }
         let uvs = vec![[Vec2::ZERO, Vec2::X, Vec2::Y]];
         let (stretch, worst_stretch, texels_per_unit) = (1.5, 2.5, 9.0);
         let atlas = Atlas { uvs, chart: vec![0], charts: 1, fill: 0.5, stretch, worst_stretch, texels_per_unit };

@@ -116,12 +116,12 @@ fn with_surface(key: KeyBuilder, surface: &Surface) -> KeyBuilder {
         .input(cast_slice(material))
 }
 
-/// The refined vertices of a level, with its influences.
-pub(crate) fn vertices_key(shapes: &Key, params: &LevelParams, budget: u32) -> Key {
+/// The refined vertices of a level, with its influences: of its best shape, or of the runner-up.
+pub(crate) fn vertices_key(shapes: &Key, params: &LevelParams, budget: u32, is_runner_up: bool) -> Key {
     for_stages(&[StageId::Unwrap, StageId::Skinning, StageId::Texture, StageId::Refine])
         .key(shapes)
         .params(params)
-        .params(&budget)
+        .params(&(budget, is_runner_up))
         .finish()
 }
 
@@ -214,8 +214,9 @@ mod tests {
 
     #[test]
     fn only_parameters_of_the_maps_and_the_file_are_in_no_key_of_vertices() {
-        let key =
-            |settings: &BakeSettings| vertices_key(&some_key("1"), &Params::new(settings).level(1000, false), 1000);
+        let key = |settings: &BakeSettings| {
+            vertices_key(&some_key("1"), &Params::new(settings).level(1000, false), 1000, false)
+        };
         let base = BakeSettings::default();
         assert_eq!(key(&BakeSettings { normal_map: false, ..base.clone() }), key(&base));
         assert_eq!(key(&BakeSettings { source: SourceGeometry::Drop, ..base.clone() }), key(&base));
@@ -229,7 +230,8 @@ mod tests {
             assert_ne!(key(&own), key(&base), "{own:?}");
         }
         let level = Params::new(&base).level(1000, false);
-        assert_ne!(vertices_key(&some_key("1"), &level, 2000), key(&base));
+        assert_ne!(vertices_key(&some_key("1"), &level, 2000, false), key(&base));
+        assert_ne!(vertices_key(&some_key("1"), &level, 1000, true), key(&base));
     }
 
     const GLTF: &[u8] = br#"{"asset":{"version":"2.0"},"buffers":[{"uri":"a.bin","byteLength":4}]}"#;
@@ -277,7 +279,7 @@ mod tests {
         ];
         assert_eq!(
             (PIPELINE_VERSION, keys.map(|key| key.hex()[..16].to_owned())),
-            ("12", ["e406eec3cd22af1e", "5c427135e7b76c9f"].map(str::to_owned))
+            ("13", ["8bc14dfc7e98fe32", "99a3854b605364ff"].map(str::to_owned))
         );
     }
 }

@@ -8,7 +8,7 @@
 
 use glam::{Mat3, Vec3};
 
-use crate::data::{AlphaMode, Candidate, Cards, NO_CARD, TriMesh, bounds};
+use crate::data::{Candidate, Cards, NO_CARD, TriMesh, bounds};
 use crate::geometry::{face_components, group_by_component};
 use crate::simplify::budgets::simplify_to_budgets;
 use crate::simplify::inputs::Inputs;
@@ -21,6 +21,8 @@ use crate::simplify::{visibility, weld};
 const LEAF_SIZE: f32 = 0.25;
 /// The same of a cut-out, which may show a twig with its leaves.
 const TWIG_SIZE: f32 = 0.6;
+/// Largest fraction of a cut-out component that is not cut out.
+const TWIG_OPACITY: f32 = 0.85;
 /// Largest thickness of a leaf, as a fraction of its middle extent.
 const LEAF_THICKNESS: f32 = 0.35;
 /// Fewest leaves of a foliage.
@@ -60,10 +62,15 @@ impl Foliage {
         }
         let radius = inputs.sphere.radius;
         let source: Vec<u32> = welded_from.iter().map(|&t| opaque.source[t as usize]).collect();
-        let material = |t: u32| inputs.model.material_of(source[t as usize]);
-        let is_cut_out = |t: &u32| matches!(material(*t).alpha_mode, AlphaMode::Mask { .. });
+        // Whole characters have one material with a cut-out somewhere: what counts is what is cut out of the component.
+        let opacity = |component: &[u32]| {
+            let area = |t: u32| mesh.area_vector(t as usize).length();
+            let opaque: f32 =
+                component.iter().map(|&t| area(t) * opaque.opacity[welded_from[t as usize] as usize]).sum();
+            opaque / component.iter().map(|&t| area(t)).sum::<f32>().max(f32::MIN_POSITIVE)
+        };
         let is_leaf =
-            |component: &Vec<u32>| is_leaf(&corners(&mesh, component), component.iter().all(is_cut_out), radius);
+            |component: &Vec<u32>| is_leaf(&corners(&mesh, component), opacity(component) < TWIG_OPACITY, radius);
         let leaves: Vec<Vec<u32>> = components.into_iter().filter(is_leaf).collect();
         if leaves.len() < LEAVES {
             return None;

@@ -3,7 +3,6 @@ use serde_json::json;
 
 use super::blobs::{etc1s, etc1s_alpha, uastc, uastc_zstd};
 use super::builder::{Builder, F32, png};
-use crate::Error;
 use crate::gltf::import::ktx2::Ktx2;
 use crate::gltf::{ExportParams, ImportLimits, export};
 
@@ -140,8 +139,7 @@ fn huge_sizes_are_refused_by_their_header() {
         bytes[24..28].copy_from_slice(&side.to_le_bytes());
         bytes
     };
-    let error = textured(&with_side(30_000)).import().expect_err("an error");
-    assert!(matches!(error, Error::Limit { .. }), "{error}");
+    assert!(textured(&with_side(16_385)).message().contains("16385 x 16385 texels"));
     assert!(textured(&with_side(u32::MAX)).message().contains("4294967295 x 4294967295"));
 }
 

@@ -22,7 +22,10 @@ fn accessors_without_bytes_are_counted() {
     let text = refusal(file);
     assert!(text.starts_with("test.glb: import: its surface would take "), "{text}");
     assert!(
-        text.ends_with(" of memory, and a bake may take 64.0 MiB; reduce it, or give more with --memory"),
+        text.ends_with(
+            " of memory, and a bake may take 64.0 MiB; reduce it, or give more with `--memory` or \
+             `SimpliguardPlugin::memory`"
+        ),
         "{text}"
     );
 }
