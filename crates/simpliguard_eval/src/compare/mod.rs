@@ -4,10 +4,10 @@
 //! also says how closely the figures agree.
 
 mod distance;
-mod flip;
+pub(crate) mod flip;
 pub(crate) mod image;
 mod motion;
-mod plane;
+pub(crate) mod plane;
 pub(crate) mod views;
 mod volume;
 mod winding;
