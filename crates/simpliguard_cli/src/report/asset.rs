@@ -23,9 +23,20 @@ const ALIKE: f64 = 100.0;
 
 /// A model of the page.
 pub(super) struct Asset {
+    /// Path of the model as it was found.
     pub(super) name: String,
+    /// The name without the folder that all models of the page share.
+    pub(super) label: String,
     /// `Err` with the cause if there is no result.
     pub(super) result: Result<Measured, String>,
+}
+
+/// Bytes of the folder that all paths share, with the separator behind it.
+pub(super) fn shared_folder(paths: &[&str]) -> usize {
+    let Some(first) = paths.first() else { return 0 };
+    let same = |path: &&str| first.bytes().zip(path.bytes()).take_while(|(a, b)| a == b).count();
+    let length = paths.iter().map(same).min().unwrap_or(0);
+    first.bytes().take(length).rposition(|byte| matches!(byte, b'/' | b'\\')).map_or(0, |at| at + 1)
 }
 
 /// The figures and pictures of a model.
@@ -77,7 +88,13 @@ pub(super) struct Cost {
 /// A level with its figures.
 #[derive(Serialize)]
 pub(super) struct MeasuredLevel {
-    pub(super) report: LevelReport,
+    /// Its number, from 1, the smallest.
+    pub(super) level: u64,
+    /// Distance that 95 % of both surfaces stay within, as a fraction of the diagonal of the source's bounding box. `None`
+    /// if the file does not say it.
+    pub(super) deviation: Option<f64>,
+    /// The report of its bake. `None` for the levels that a file came with.
+    pub(super) report: Option<LevelReport>,
     pub(super) cost: Cost,
     pub(super) comparison: Comparison,
 }
@@ -110,21 +127,23 @@ impl Measured {
         let model = read(&result.combined)?;
         let json = &model.document.json;
         let nodes = levels_of(json);
-        let levels: Vec<Model> =
+        let models: Vec<Model> =
             nodes.iter().map(|node| node.model(&job.name, json, &result.combined)).collect::<Result<_, _>>()?;
-        let levels: Vec<&Model> = levels.iter().collect();
-        let sheets = sheets(&model, &levels);
-        let compared = compare(&model, &levels, &Options { views, motion: false });
+        let models: Vec<&Model> = models.iter().collect();
+        let sheets = sheets(&model, &models);
+        let compared = compare(&model, &models, &Options { views, motion: false });
         let document = Document::new(&model);
         let pictures: usize = sheets.iter().map(|sheet| sheet.jpeg.len()).sum();
         let left = usize::try_from(share).unwrap_or(usize::MAX).saturating_sub(pictures);
         let preview = preview(&model.document, &nodes, left);
-        let reports = result.report.levels;
-        let level = |(report, comparison): (LevelReport, Comparison)| {
-            let node = nodes.iter().find(|node| node.level == u64::from(report.level));
-            let cost = node.map(|node| cost_of_level(&document, node, &report)).unwrap_or_default();
-            MeasuredLevel { report, cost, comparison }
+        let level = |(node, comparison): (&LevelNode, Comparison)| MeasuredLevel {
+            level: node.level,
+            deviation: node.error,
+            report: result.report.levels.iter().find(|report| u64::from(report.level) == node.level).cloned(),
+            cost: cost_of_level(&document, node, comparison.faces),
+            comparison,
         };
+        let levels = nodes.iter().zip(compared).map(level).collect();
         let mut seconds: Vec<(String, f64)> = Vec::new();
         for (stage, time) in result.report.seconds {
             match seconds.iter_mut().find(|(name, _)| *name == stage) {
@@ -140,8 +159,8 @@ impl Measured {
             notes: result.report.notes,
             settings: settings(job),
             file_bytes: file.source().bytes.len() as u64,
-            source: cost_of_source(&document, &model, result.report.source_faces),
-            levels: reports.into_iter().zip(compared).map(level).collect(),
+            source: cost_of_source(&document, &model),
+            levels,
             preview: preview.as_ref().map(|preview| preview.made),
             models: preview.map(|Preview { glb, .. }| glb),
             sheets,
@@ -161,7 +180,7 @@ impl Measured {
             Status::Baked => "baked",
             Status::SmallEnough => "small enough",
             Status::PassThrough => "passed through",
-            Status::KeptLods => "kept its own levels",
+            Status::KeptLods => "with levels of its own",
         }
     }
 
@@ -186,19 +205,19 @@ fn settings(job: &Job) -> Vec<Setting> {
     effective.map(|e| Setting { name: e.name, value: e.value, origin: e.origin.to_string() }).collect()
 }
 
-fn cost_of_source(document: &Document<'_>, model: &Model, triangles: u64) -> Cost {
+fn cost_of_source(document: &Document<'_>, model: &Model) -> Cost {
     let nodes = document.list("nodes");
     let mesh = |node: &usize| crate::inspect::document::index(nodes.get(*node)?, "mesh");
     let meshes: Vec<usize> = model.document.mesh_nodes.iter().filter_map(mesh).collect();
     let draw_calls = meshes.iter().map(|&mesh| document.primitives(mesh).len() as u64).sum();
     let (bytes, texture_memory) = document.size_of_meshes(meshes);
-    Cost { triangles, draw_calls, texture_memory, bytes }
+    Cost { triangles: model.surface.triangles.len() as u64, draw_calls, texture_memory, bytes }
 }
 
-fn cost_of_level(document: &Document<'_>, node: &LevelNode, report: &LevelReport) -> Cost {
+fn cost_of_level(document: &Document<'_>, node: &LevelNode, triangles: usize) -> Cost {
     let (bytes, texture_memory) = document.size_of_meshes(node.mesh);
     let draw_calls = node.mesh.map_or(0, |mesh| document.primitives(mesh).len()) as u64;
-    Cost { triangles: report.faces.into(), draw_calls, texture_memory, bytes }
+    Cost { triangles: triangles as u64, draw_calls, texture_memory, bytes }
 }
 
 /// The sheets of a model. None without levels.
@@ -213,4 +232,17 @@ fn sheets(model: &Model, levels: &[&Model]) -> Vec<Sheet> {
         Some(Sheet { name, jpeg: jpeg(&image, QUALITY)?, size: image.dimensions().into() })
     };
     all.into_iter().filter_map(sheet).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn labels_leave_out_the_folder_that_all_share() {
+        assert_eq!(shared_folder(&["a/b/x.glb", "a/b/xy.glb"]), 4);
+        assert_eq!(shared_folder(&["a/b/x.glb", "a/c.glb"]), 2);
+        assert_eq!(shared_folder(&["a/b/x.glb"]), 4);
+        assert_eq!(shared_folder(&["x.glb", "y.glb"]) + shared_folder(&[]), 0);
+    }
 }

@@ -12,7 +12,7 @@ use simpliguard::Printable;
 use simpliguard_bake::Parts;
 use simpliguard_cache::{Durability, write_atomic};
 
-use self::asset::{Asset, Measured};
+use self::asset::{Asset, Measured, shared_folder};
 use self::page::Page;
 use self::preview::Preview;
 use crate::Exit;
@@ -35,10 +35,14 @@ pub(crate) fn run(args: &ReportArgs) -> Result<Exit, UsageError> {
     can_create(&args.out).map_err(|e| unwritable(args, &e))?;
     let mut budget =
         Budget { left: args.max_size.as_u64().saturating_sub(page::FIXED_BYTES), models: jobs.len() as u64 };
+    let names: Vec<&str> = jobs.iter().map(|job| job.name.as_str()).collect();
+    let shared = shared_folder(&names);
     let mut assets = Vec::with_capacity(jobs.len());
     for (number, job) in jobs.iter().enumerate() {
         let progress = AssetProgress::new(number + 1, jobs.len(), &job.name);
-        assets.push(report_on(args, &runner, job, progress, &mut budget));
+        let label = job.name.get(shared..).unwrap_or(&job.name).to_owned();
+        let result = report_on(args, &runner, job, progress, &mut budget);
+        assets.push(Asset { name: job.name.clone(), label, result });
     }
     let all_done = assets.iter().all(|asset| asset.result.is_ok());
     let html = Page { assets: &assets, views: args.views.get() }.html();
@@ -47,7 +51,13 @@ pub(crate) fn run(args: &ReportArgs) -> Result<Exit, UsageError> {
 }
 
 /// One model: its result, its figures and its pictures. A failure is that of this model alone.
-fn report_on(args: &ReportArgs, runner: &Runner<'_>, job: &Job, progress: AssetProgress, budget: &mut Budget) -> Asset {
+fn report_on(
+    args: &ReportArgs,
+    runner: &Runner<'_>,
+    job: &Job,
+    progress: AssetProgress,
+    budget: &mut Budget,
+) -> Result<Measured, String> {
     let start = Instant::now();
     let result = job.settings.as_ref().map_err(ToString::to_string).and_then(|resolved| {
         let file = SourceFile::read(&job.input, &job.name, job.cache.project()).map_err(|e| e.to_string())?;
@@ -64,7 +74,7 @@ fn report_on(args: &ReportArgs, runner: &Runner<'_>, job: &Job, progress: AssetP
         Err(error) => format!("failed\nerror: {}", Printable(error)),
     };
     progress.finish(&outcome);
-    Asset { name: job.name.clone(), result }
+    result
 }
 
 fn write(args: &ReportArgs, runner: &Runner<'_>, html: &str) -> Result<(), UsageError> {

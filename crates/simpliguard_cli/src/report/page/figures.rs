@@ -104,7 +104,7 @@ pub(super) const ALL_LIKENESS: [Figure; 11] = [
     Figure {
         title: "Charts",
         help: "Charts of the texture atlas",
-        value: Value::Level(|l| Some(f64::from(l.report.charts))),
+        value: Value::Level(|l| l.report.as_ref().map(|report| f64::from(report.charts))),
         text: count,
     },
 ];
@@ -133,7 +133,7 @@ const SILHOUETTE: Figure = Figure {
 const DEVIATION: Figure = Figure {
     title: "Deviation %",
     help: "Distance that 95 % of both surfaces stay within, of the diagonal of the source's bounding box",
-    value: Value::Level(|l| Some(f64::from(l.report.deviation.percentile_95))),
+    value: Value::Level(|l| l.deviation),
     text: percent,
 };
 

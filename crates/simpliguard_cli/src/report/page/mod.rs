@@ -76,8 +76,9 @@ impl Page<'_> {
         html += &self.header();
         html += &overview(self.assets, &order);
         html += "<section id=\"models\"><h2>Each model</h2>\n";
+        let first = order.iter().position(|&number| self.assets[number].result.is_ok());
         for (place, &number) in order.iter().enumerate() {
-            html += &section(number, &self.assets[number], place == 0);
+            html += &section(number, &self.assets[number], Some(place) == first);
         }
         html += "</section>\n";
         html += &format!("<script type=\"application/json\" id=\"report\">{}</script>\n", json_in_script(&json));
@@ -98,12 +99,11 @@ impl Page<'_> {
         let models: Vec<&Measured> = models.collect();
         let cached = models.iter().filter(|model| model.cached).count();
         let failed = self.assets.len() - models.len();
-        let noun = if self.assets.len() == 1 { "model" } else { "models" };
         let failed = if failed == 0 { String::new() } else { format!(", <strong>{failed} failed</strong>") };
         format!(
-            "<header><h1>simpliguard report</h1>\n<p>{} {noun}, {cached} from the cache{failed}. Pipeline version \
+            "<header><h1>simpliguard report</h1>\n<p>{}, {cached} from the cache{failed}. Pipeline version \
              {PIPELINE_VERSION}. Figures over {} views.</p>\n{}</header>\n",
-            self.assets.len(),
+            text::models(self.assets.len()),
             self.views,
             savings(&models)
         )
@@ -127,8 +127,8 @@ fn savings(models: &[&Measured]) -> String {
             format!("<td>{text}<small>of {}</small>{change}</td>", (figure.text)(source))
         };
         let cells: String = COSTS.iter().map(cell).collect();
-        let count = with.len();
-        format!("<tr><th scope=\"row\">LOD{level}<small>{count} models</small></th>{cells}</tr>\n")
+        let of = text::models(with.len());
+        format!("<tr><th scope=\"row\">LOD{level}<small>{of}</small></th>{cells}</tr>\n")
     };
     let rows: String = (1..=most).rev().map(row).collect();
     format!(

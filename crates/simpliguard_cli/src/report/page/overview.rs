@@ -1,7 +1,7 @@
 //! The table over all models: one body for each level, the worst models first.
 
 use super::figures::{COSTS, Figure, LIKENESS, SECONDS, WARNINGS, mean};
-use super::text::{count, escaped};
+use super::text::{escaped, models};
 use crate::report::asset::{Asset, Measured, MeasuredLevel};
 
 /// A row of a level: a model that has it.
@@ -30,8 +30,8 @@ fn columns() -> Vec<&'static Figure> {
 
 /// The table.
 pub(super) fn overview(assets: &[Asset], order: &[usize]) -> String {
-    let models = || assets.iter().filter_map(|asset| asset.result.as_ref().ok());
-    let most = models().map(|model| model.levels.len()).max().unwrap_or(0);
+    let measured = || assets.iter().filter_map(|asset| asset.result.as_ref().ok());
+    let most = measured().map(|model| model.levels.len()).max().unwrap_or(0);
     let buttons: String = (1..=most)
         .map(|level| format!("<button type=\"button\" value=\"{level}\" aria-pressed=\"false\">LOD{level}</button>"))
         .collect();
@@ -77,8 +77,8 @@ fn body(assets: &[Asset], order: &[usize], level: usize) -> String {
 }
 
 fn name_cell(number: usize, asset: &Asset) -> String {
-    let name = escaped(&asset.name);
-    format!("<th scope=\"row\" data-value=\"{name}\"><a href=\"#asset-{number}\">{name}</a></th>")
+    let (name, label) = (escaped(&asset.name), escaped(&asset.label));
+    format!("<th scope=\"row\" data-value=\"{label}\"><a href=\"#asset-{number}\" title=\"{name}\">{label}</a></th>")
 }
 
 impl Row<'_> {
@@ -104,8 +104,7 @@ fn mean_row(rows: &[Row<'_>]) -> String {
         format!("<td>{}{}{without}</td>", figure.text_of(value), of_source(figure, source))
     };
     let cells: String = columns().iter().map(cell).collect();
-    let models = if rows.len() == 1 { "1 model".to_owned() } else { format!("{} models", count(rows.len() as f64)) };
-    format!("<tr class=\"mean\"><th scope=\"row\">Mean of {models}</th>{cells}</tr>\n")
+    format!("<tr class=\"mean\"><th scope=\"row\">Mean of {}</th>{cells}</tr>\n", models(rows.len()))
 }
 
 /// The source's figure below that of the level.

@@ -23,9 +23,9 @@ pub(super) fn section(number: usize, asset: &Asset, is_open: bool) -> String {
         Err(error) => ("failed", format!("<p class=\"error\">{}</p>\n", escaped(error))),
         Ok(model) => (model.status_text(), body(number, model)),
     };
-    let name = escaped(&asset.name);
+    let (name, label) = (escaped(&asset.name), escaped(&asset.label));
     format!(
-        "<details class=\"asset\" name=\"asset\" id=\"asset-{number}\"{open}><summary><h3>{name}</h3> \
+        "<details class=\"asset\" name=\"asset\" id=\"asset-{number}\"{open}><summary><h3 title=\"{name}\">{label}</h3> \
          <span class=\"badge\">{badge}</span></summary>\n{body}</details>\n"
     )
 }
@@ -64,12 +64,12 @@ fn view(number: usize, model: &Measured) -> String {
     };
     let whole = count(faces as f64);
     let textures = texels(made.source_texture);
-    let data = STANDARD.encode(glb);
+    let (part, data) = (if made.triangles as u64 >= faces { "the" } else { "a preview of the" }, STANDARD.encode(glb));
     format!(
         "<div class=\"view\" data-models=\"models-{number}\" data-faces=\"{faces}\">\n\
          <div class=\"stage\"><div class=\"canvas\"></div><span class=\"source-label\"></span>\
          <span class=\"level-label\"></span><p class=\"message\"></p></div>\n{CONTROLS}</div>\n\
-         <p class=\"hint\">The view shows a preview of the source: {shown} of {whole} triangles, textures {textures}.{levels} \
+         <p class=\"hint\">The view shows {part} source with {shown} of {whole} triangles, its textures {textures}.{levels} \
          Figures and pictures are those of the whole models.</p>\n\
          <script type=\"application/octet-stream+base64\" id=\"models-{number}\">{data}</script>\n"
     )
@@ -115,9 +115,10 @@ fn level_row(model: &Measured, level: &MeasuredLevel) -> String {
         format!("<td>{}{}</td>", figure.text_of(value), saving(value, source))
     };
     let cells: String = COSTS.iter().chain(&ALL_LIKENESS).map(cell).collect();
-    let (number, candidate) = (level.report.level, escaped(&level.report.candidate));
-    let stopped = level.report.stopped.as_deref().map(|reason| format!("<small>{}</small>", escaped(reason)));
-    let stopped = stopped.unwrap_or_default();
+    let (number, report) = (level.level, level.report.as_ref());
+    let candidate = report.map(|report| escaped(&report.candidate)).unwrap_or_default();
+    let stopped = report.and_then(|report| report.stopped.as_deref());
+    let stopped = stopped.map(|reason| format!("<small>{}</small>", escaped(reason))).unwrap_or_default();
     format!("<tr><th scope=\"row\">LOD{number}</th>{cells}<td class=\"text\">{candidate}{stopped}</td></tr>\n")
 }
 
@@ -142,7 +143,7 @@ fn sheets(model: &Measured) -> String {
     let button =
         |(name, title, _): &(&str, &str, &str)| format!("<button type=\"button\" value=\"{name}\">{title}</button>");
     let buttons: String = SHEETS.iter().map(button).collect();
-    let names = model.levels.iter().rev().map(|level| format!("<span>LOD{}</span>", level.report.level));
+    let names = model.levels.iter().rev().map(|level| format!("<span>LOD{}</span>", level.level));
     let labels: String = std::iter::once("<span>Source</span>".to_owned()).chain(names).collect();
     let figures: String = model.sheets.iter().map(|sheet| picture(sheet, &labels)).collect();
     format!("<h4>Pictures</h4>\n<div class=\"sheets\"><div class=\"tabs\" hidden>{buttons}</div>\n{figures}</div>\n")
@@ -217,9 +218,10 @@ mod tests {
 
     #[test]
     fn a_failed_model_shows_its_cause_as_text() {
-        let asset = Asset { name: "<b>.glb".into(), result: Err("import: '</script>' & more".into()) };
+        let asset =
+            Asset { name: "<b>.glb".into(), label: "<b>.glb".into(), result: Err("import: '</script>' & more".into()) };
         let html = section(3, &asset, true);
-        assert!(html.contains("id=\"asset-3\" open>") && html.contains("<h3>&lt;b&gt;.glb</h3>"), "{html}");
+        assert!(html.contains("id=\"asset-3\" open>") && html.contains(">&lt;b&gt;.glb</h3>"), "{html}");
         assert!(html.contains("import: &#39;&lt;/script&gt;&#39; &amp; more"), "{html}");
     }
 }

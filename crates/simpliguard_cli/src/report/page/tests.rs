@@ -1,22 +1,16 @@
-use simpliguard::{LevelReport, Status};
+use simpliguard::Status;
 use simpliguard_eval::compare::{Comparison, ImageMetrics};
 
 use super::super::asset::{Cost, MeasuredLevel};
 use super::*;
 
-fn level(number: u32, psnr: f64) -> MeasuredLevel {
-    let report: LevelReport = serde_json::from_value(serde_json::json!({
-        "level": number, "budget": 9, "faces": 8, "candidate": "source", "error": 0.25, "charts": 1, "fill": 0.5,
-        "stretch": 1.0, "worst_stretch": 1.0, "deviation": {"mean": 0.125, "percentile_95": 0.25, "max": 0.5},
-        "topology": {"components": 1, "euler_characteristic": 2, "boundary_edges": 0, "self_intersecting": 0},
-    }))
-    .expect("a report");
+fn level(number: u64, psnr: f64) -> MeasuredLevel {
     let unlit = ImageMetrics { psnr, ..ImageMetrics::default() };
     let lit = ImageMetrics { psnr: psnr.min(30.0) - 10.0, ..ImageMetrics::default() };
     let comparison =
         Comparison { faces: 8, unlit, lit, silhouette_iou: 0.9, iou_3d: None, distances: None, motion: None };
     let cost = Cost { triangles: 8, draw_calls: 1, texture_memory: 4000, bytes: 100 };
-    MeasuredLevel { report, cost, comparison }
+    MeasuredLevel { level: number, deviation: Some(0.25), report: None, cost, comparison }
 }
 
 fn asset(name: &str, levels: &[f64]) -> Asset {
@@ -34,7 +28,7 @@ fn asset(name: &str, levels: &[f64]) -> Asset {
         models: None,
         sheets: Vec::new(),
     };
-    Asset { name: name.into(), result: Ok(measured) }
+    Asset { name: name.into(), label: name.into(), result: Ok(measured) }
 }
 
 fn html(assets: &[Asset]) -> String {
@@ -52,7 +46,7 @@ fn order(assets: &[Asset]) -> Vec<String> {
 
 #[test]
 fn the_worst_stand_first_and_white_models_by_their_lit_pictures() {
-    let failed = Asset { name: "failed".into(), result: Err("why".into()) };
+    let failed = Asset { name: "failed".into(), label: "failed".into(), result: Err("why".into()) };
     let assets = [asset("good", &[40.0]), asset("white", &[100.0]), asset("bad", &[25.0]), failed, asset("none", &[])];
     assert_eq!(order(&assets), ["failed", "none", "white", "bad", "good"]);
     assert_eq!(worst_first(&assets), [3, 1, 2, 0, 4]);
@@ -81,7 +75,7 @@ fn the_page_embeds_the_bundle_that_is_checked_in_and_loads_nothing() {
 #[test]
 fn hostile_names_stay_text() {
     let name = "</script><script>alert(1)</script>\"'>.glb";
-    let html = html(&[asset(name, &[20.0]), Asset { name: name.into(), result: Err(name.into()) }]);
+    let html = html(&[asset(name, &[20.0]), Asset { name: name.into(), label: name.into(), result: Err(name.into()) }]);
     assert!(!html.contains("<script>") && !html.contains("alert(1)<"), "markup from a name");
     let json = html.split("id=\"report\">").nth(1).expect("the figures").split("</script>").next().expect("its end");
     let figures: serde_json::Value = serde_json::from_str(json).expect("JSON");
@@ -95,5 +89,5 @@ fn the_costs_of_all_models_are_summed() {
     let table =
         html.split("<table class=\"savings\">").nth(1).expect("a table").split("</table>").next().expect("its end");
     assert!(table.contains("<td>16<small>of 2,000</small><small>−99.2 %</small></td>"), "{table}");
-    assert!(table.contains("LOD2<small>1 models</small>") && table.contains("<td>8<small>of 1,000</small>"), "{table}");
+    assert!(table.contains("LOD2<small>1 model</small>") && table.contains("<td>8<small>of 1,000</small>"), "{table}");
 }

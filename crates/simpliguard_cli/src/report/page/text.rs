@@ -37,6 +37,11 @@ pub(super) fn count(value: f64) -> String {
     out
 }
 
+/// A number of models.
+pub(super) fn models(number: usize) -> String {
+    if number == 1 { "1 model".to_owned() } else { format!("{} models", count(number as f64)) }
+}
+
 /// A number of bytes in the largest unit that leaves a number above one.
 pub(super) fn bytes(value: f64) -> String {
     const UNITS: [&str; 4] = ["B", "kB", "MB", "GB"];

@@ -1,5 +1,6 @@
 //! A glTF written anew: only what its scene shows.
 
+use std::collections::btree_map::Entry;
 use std::collections::{BTreeMap, BTreeSet};
 
 use serde_json::{Map, Value, json};
@@ -160,11 +161,11 @@ impl<'a> Writer<'a> {
             let (mut samplers, mut new) = (Vec::new(), BTreeMap::new());
             for channel in &mut channels {
                 let sampler = index(channel, "sampler")?;
-                if !new.contains_key(&sampler) {
+                if let Entry::Vacant(entry) = new.entry(sampler) {
                     let mut copy = old.get(sampler)?.clone();
                     self.copy_field(&mut copy, "input")?;
                     self.copy_field(&mut copy, "output")?;
-                    new.insert(sampler, samplers.len());
+                    entry.insert(samplers.len());
                     samplers.push(copy);
                 }
                 channel["sampler"] = new[&sampler].into();

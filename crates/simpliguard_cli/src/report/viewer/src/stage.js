@@ -144,8 +144,10 @@ export class Stage {
     const [source, level] = this.shown();
     const count = (figure) => Math.round(figure?.triangles ?? 0).toLocaleString("en");
     this.holder.dataset.mode = heat.checked && this.level > 0 ? "heat" : this.level > 0 ? "both" : "one";
+    const all = Number(this.holder.dataset.faces).toLocaleString("en");
+    const isWhole = count(source) === all;
     this.holder.querySelector(".source-label").textContent =
-      `Source (preview, ${count(source)} of ${Number(this.holder.dataset.faces).toLocaleString("en")} triangles)`;
+      isWhole ? `Source (${all} triangles)` : `Source preview (${count(source)} of ${all} triangles)`;
     this.holder.querySelector(".level-label").textContent = `LOD${this.level} (${count(level)} triangles)`;
     this.holder.querySelector("output").textContent = `LOD${this.level}`;
     slider.setAttribute("aria-valuetext", `LOD${this.level}`);
