@@ -6,10 +6,9 @@ use simpliguard::gltf::{ImportLimits, import};
 use simpliguard::{Error, LevelReport, NoResources, Source, Status};
 use simpliguard_bake::Outcome;
 use simpliguard_eval::compare::{Comparison, Options, compare};
-use simpliguard_eval::pictures;
+use simpliguard_eval::{jpeg, pictures};
 
 use super::Preview;
-use super::preview::images::jpeg;
 use super::preview::{Made, preview};
 use crate::inspect::document::Document;
 use crate::levels::{LevelNode, levels_of};

@@ -44,7 +44,7 @@ fn the_page_has_models_figures_pictures_and_settings() {
     assert!(!html.contains("<i>"), "a name is markup");
     let ball = &figures(&html)["assets"][0];
     assert_eq!((&ball["status"], &ball["cached"]), (&"baked".into(), &false.into()));
-    assert_eq!((&ball["source"]["triangles"], &ball["source"]["draw_calls"]), (&1104.into(), &1.into()));
+    assert_eq!((&ball["source"]["triangles"], &ball["source"]["draw_calls"]), (&1128.into(), &1.into()));
     assert_eq!((&ball["levels"][1]["level"], &ball["levels"][1]["cost"]["draw_calls"]), (&2.into(), &1.into()));
     let psnr = |level: usize| ball["levels"][level]["comparison"]["lit"]["psnr"].as_f64().expect("a figure");
     assert!(psnr(0) > 5.0 && psnr(1) > psnr(0), "{ball}");

@@ -2,12 +2,10 @@
 
 use std::io::Cursor;
 
-use image::codecs::jpeg::JpegEncoder;
-use image::codecs::png::{CompressionType, FilterType as PngFilter, PngEncoder};
-use image::imageops::{FilterType, resize};
-use image::{DynamicImage, ImageReader, RgbImage, RgbaImage};
+use image::{ImageReader, RgbaImage};
 use serde_json::Value;
 use simpliguard::data::Document;
+use simpliguard_eval::{at_most, encode};
 
 use crate::inspect::document::index;
 
@@ -22,7 +20,6 @@ pub(super) struct Picture {
     size: [u32; 2],
     /// The texels, at [`LARGEST`] at most.
     texels: RgbaImage,
-    is_opaque: bool,
 }
 
 /// Size and encoding of images.
@@ -45,48 +42,17 @@ impl Picture {
         let mime = reader.format()?.to_mime_type();
         let decoded = reader.decode().ok()?;
         let size = [decoded.width(), decoded.height()];
-        let decoded = if size.iter().any(|&side| side > LARGEST) {
-            decoded.resize(LARGEST, LARGEST, FilterType::Triangle)
-        } else {
-            decoded
-        };
-        let texels = decoded.to_rgba8();
-        let is_opaque = texels.pixels().all(|pixel| pixel[3] == u8::MAX);
-        Some(Self { bytes, mime, size, texels, is_opaque })
+        Some(Self { bytes, mime, size, texels: at_most(decoded.to_rgba8(), LARGEST) })
     }
 
     /// The bytes of an image file, and its MIME type. Without an encoding, or if that takes no less, as it is.
     pub(super) fn encoded(&self, encoding: Option<Encoding>) -> (Vec<u8>, &'static str) {
         let as_it_is = || (self.bytes.clone(), self.mime);
         let Some(encoding) = encoding else { return as_it_is() };
-        let made = self.made(encoding);
+        let made = encode(&self.texels, encoding.side, encoding.quality);
         let fits = self.size.iter().all(|&side| side <= encoding.side);
         made.filter(|(bytes, _)| !fits || bytes.len() < self.bytes.len()).unwrap_or_else(as_it_is)
     }
-
-    fn made(&self, Encoding { side, quality }: Encoding) -> Option<(Vec<u8>, &'static str)> {
-        let (width, height) = self.texels.dimensions();
-        let longest = width.max(height);
-        let scaled =
-            |length: u32| (u64::from(length) * u64::from(side.min(longest)) / u64::from(longest.max(1))).max(1);
-        let (new_width, new_height) = (scaled(width) as u32, scaled(height) as u32);
-        let smaller = (longest > side).then(|| resize(&self.texels, new_width, new_height, FilterType::Triangle));
-        let texels = smaller.as_ref().unwrap_or(&self.texels);
-        if self.is_opaque {
-            return Some((jpeg(&DynamicImage::ImageRgba8(texels.clone()).to_rgb8(), quality)?, "image/jpeg"));
-        }
-        let mut bytes = Vec::new();
-        let encoder = PngEncoder::new_with_quality(&mut bytes, CompressionType::Best, PngFilter::Adaptive);
-        texels.write_with_encoder(encoder).ok()?;
-        Some((bytes, "image/png"))
-    }
-}
-
-/// A JPEG; `None` if it is too large for one.
-pub(in crate::report) fn jpeg(image: &RgbImage, quality: u8) -> Option<Vec<u8>> {
-    let mut bytes = Vec::new();
-    image.write_with_encoder(JpegEncoder::new_with_quality(&mut bytes, quality)).ok()?;
-    Some(bytes)
 }
 
 /// The bytes of an image in a buffer view.
@@ -111,17 +77,11 @@ mod tests {
         Picture::read(&document, 0).expect("an image")
     }
 
-    fn decoded(bytes: &[u8]) -> DynamicImage {
-        image::load_from_memory(bytes).expect("an image")
-    }
-
     #[test]
-    fn opaque_images_become_jpeg_and_others_stay_png() {
-        let small = Some(Encoding { side: 32, quality: 80 });
-        for (alpha, mime) in [(255, "image/jpeg"), (100, "image/png")] {
-            let (bytes, found) = picture([128, 64], alpha).encoded(small);
-            assert_eq!((found, decoded(&bytes).width(), decoded(&bytes).height()), (mime, 32, 16));
-        }
+    fn images_are_made_anew_where_that_is_smaller() {
+        let (bytes, mime) = picture([128, 64], 255).encoded(Some(Encoding { side: 32, quality: 80 }));
+        let found = image::load_from_memory(&bytes).expect("an image");
+        assert_eq!((mime, found.width(), found.height()), ("image/jpeg", 32, 16));
     }
 
     #[test]

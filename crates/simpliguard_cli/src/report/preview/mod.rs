@@ -4,7 +4,7 @@
 
 mod arrays;
 mod decimate;
-pub(in crate::report) mod images;
+mod images;
 mod writer;
 
 use std::collections::{BTreeMap, BTreeSet};
