@@ -130,7 +130,7 @@ impl Measured {
             nodes.iter().map(|node| node.model(&job.name, json, &result.combined)).collect::<Result<_, _>>()?;
         let models: Vec<&Model> = models.iter().collect();
         let sheets = sheets(&model, &models);
-        let compared = compare(&model, &models, &Options { views, motion: false });
+        let compared = compare(&model, &models, &Options { views, volume: false, motion: false });
         let document = Document::new(&model);
         let pictures: usize = sheets.iter().map(|sheet| sheet.jpeg.len()).sum();
         let left = usize::try_from(share).unwrap_or(usize::MAX).saturating_sub(pictures);

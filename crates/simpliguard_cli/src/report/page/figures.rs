@@ -60,7 +60,7 @@ pub(super) const WARNINGS: Figure = Figure {
 pub(super) const LIKENESS: [Figure; 4] = [PSNR, LIT, SILHOUETTE, DEVIATION];
 
 /// How close a level is, in full.
-pub(super) const ALL_LIKENESS: [Figure; 11] = [
+pub(super) const ALL_LIKENESS: [Figure; 10] = [
     PSNR,
     Figure {
         title: "Foreground",
@@ -82,12 +82,6 @@ pub(super) const ALL_LIKENESS: [Figure; 11] = [
         text: three,
     },
     SILHOUETTE,
-    Figure {
-        title: "Volume %",
-        help: "Intersection over union of the volumes",
-        value: Value::Level(|l| l.comparison.iou_3d),
-        text: percent,
-    },
     DEVIATION,
     Figure {
         title: "Chamfer %",
