@@ -26,6 +26,7 @@ pub(crate) enum Command {
     Cache(CacheArgs),
     Inspect(InspectArgs),
     Compare(CompareArgs),
+    Report(ReportArgs),
 }
 
 /// Bake levels of detail into models.
@@ -35,15 +36,33 @@ pub(crate) enum Command {
 /// of `--gate`; 130: interrupted.
 #[derive(clap::Args, Debug)]
 pub(crate) struct BakeArgs {
-    /// .glb and .gltf files, folders, or patterns such as `models/*.glb`. Folders are searched for both, except hidden folders and the output folder.
-    #[arg(required = true, value_name = "INPUT")]
-    pub(crate) inputs: Vec<PathBuf>,
+    #[command(flatten)]
+    pub(crate) models: ModelArgs,
     /// Folder of the results. Paths below a searched folder are kept.
     #[arg(long, short, value_name = "DIR", default_value = "lods")]
     pub(crate) output: PathBuf,
     /// Also write each level as a file of its own, `<stem>_<budget>.glb`.
     #[arg(long)]
     pub(crate) split_levels: bool,
+    /// Also write a contact sheet, `<stem>_sheet.png`: the source beside its levels.
+    #[arg(long)]
+    pub(crate) sheet: bool,
+    /// Also write a turntable, `<stem>_turntable.png`: an animated PNG of the source and its levels.
+    #[arg(long)]
+    pub(crate) turntable: bool,
+    #[command(flatten)]
+    pub(crate) gate: GateArgs,
+    /// Print one JSON document to stdout; everything else goes to stderr.
+    #[arg(long)]
+    pub(crate) json: bool,
+}
+
+/// Models, their settings, and what their bakes may take.
+#[derive(clap::Args, Debug)]
+pub(crate) struct ModelArgs {
+    /// .glb and .gltf files, folders, or patterns such as `models/*.glb`. Folders are searched for both, except hidden folders and the folder of the results.
+    #[arg(required = true, value_name = "INPUT")]
+    pub(crate) inputs: Vec<PathBuf>,
     #[command(flatten)]
     pub(crate) settings: SettingsSources,
     /// Number of threads; all cores if not given. The results are the same for any number.
@@ -66,17 +85,26 @@ pub(crate) struct BakeArgs {
     /// Bake without a cache.
     #[arg(long)]
     pub(crate) no_cache: bool,
-    /// Also write a contact sheet, `<stem>_sheet.png`: the source beside its levels.
-    #[arg(long)]
-    pub(crate) sheet: bool,
-    /// Also write a turntable, `<stem>_turntable.png`: an animated PNG of the source and its levels.
-    #[arg(long)]
-    pub(crate) turntable: bool,
+}
+
+/// Write a report: one HTML page of models, their levels, and what the bakes cost and kept.
+///
+/// The page needs no network and no other file. Models that the cache has no result of are baked. Exit code 0: written;
+/// 1: written, but some models failed; 2: wrong usage, or the page cannot be written; 130: interrupted.
+#[derive(clap::Args, Debug)]
+pub(crate) struct ReportArgs {
     #[command(flatten)]
-    pub(crate) gate: GateArgs,
-    /// Print one JSON document to stdout; everything else goes to stderr.
-    #[arg(long)]
-    pub(crate) json: bool,
+    pub(crate) models: ModelArgs,
+    /// The page.
+    #[arg(long, value_name = "FILE", default_value = "report.html")]
+    pub(crate) out: PathBuf,
+    /// Number of views for the figures, evenly spread around each source.
+    #[arg(long, value_name = "N", default_value = "20")]
+    pub(crate) views: NonZeroU16,
+    /// Size that the page should not exceed. The models in it have fewer triangles and smaller textures for that; pictures and
+    /// figures are those of the full models.
+    #[arg(long, value_name = "SIZE", default_value = "40MB")]
+    pub(crate) max_size: ByteSize,
 }
 
 /// Bars that every level must meet.

@@ -1,33 +1,27 @@
 //! `simpliguard bake`: bakes one model after another, each on all threads.
 
 use std::cell::RefCell;
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeSet;
 use std::io::{self, Cursor};
-use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
-use std::rc::Rc;
 use std::time::Instant;
 
 use image::{ImageFormat, RgbImage};
-use rayon::{ThreadPool, ThreadPoolBuilder};
 use simpliguard::data::{Level, Model};
 use simpliguard::gltf::{ImportLimits, import};
 use simpliguard::settings::BakeSettings;
-use simpliguard::{Context, Error, NoResources, Source, StageId};
-use simpliguard_bake::{
-    BakeResult, CachePlace, CachedBake, Host, Notice, Outcome, OutsideProject, Parts, default_memory,
-};
-use simpliguard_cache::{Cache, Durability, can_write_in, read_bounded, remove_stale_temporaries, write_atomic};
+use simpliguard::{Error, NoResources, Source, StageId};
+use simpliguard_bake::{BakeResult, Outcome, Parts};
+use simpliguard_cache::{Durability, read_bounded, remove_stale_temporaries, write_atomic};
 use simpliguard_eval::{TurntableError, contact_sheet, turntable};
 
 use crate::Exit;
 use crate::args::BakeArgs;
-use crate::console::{self, AssetProgress};
-use crate::deadline::{self, LastStage};
+use crate::console::AssetProgress;
 use crate::error::UsageError;
-use crate::interrupt::Interrupt;
+use crate::output::can_create;
 use crate::plan::{Job, plan};
-use crate::project::ProjectCache;
+use crate::runner::{Request, Runner};
 use crate::source::SourceFile;
 use crate::summary::{self, JobReport, Written};
 
@@ -45,79 +39,30 @@ pub(crate) fn run(args: &BakeArgs) -> Result<Exit, UsageError> {
 
 fn bake_all(args: &BakeArgs) -> Result<Exit, UsageError> {
     let jobs = plan(args)?;
-    let runner = Runner::new(args)?;
-    let bake = |(number, job)| runner.bake(job, AssetProgress::new(number + 1, jobs.len(), &job.name));
+    let writer = Writer::new(args)?;
+    let bake = |(number, job)| writer.bake(job, AssetProgress::new(number + 1, jobs.len(), &job.name));
     let reports: Vec<JobReport> = jobs.iter().enumerate().map(bake).collect();
     summary::print(&reports, args.json)?;
     Ok(summary::exit(&reports))
 }
 
-/// The state that all bakes of one run share.
-struct Runner<'a> {
+/// Bakes models and writes their results.
+struct Writer<'a> {
     args: &'a BakeArgs,
-    interrupt: Interrupt,
-    /// Bytes that the bake of one model may take.
-    memory: u64,
-    /// `None` for the global pool with all cores.
-    pool: Option<ThreadPool>,
-    /// The caches of the projects so far. A shared cache that hangs costs one of them one wait, not each model.
-    caches: RefCell<BTreeMap<ProjectCache, Option<Rc<Cache>>>>,
+    runner: Runner<'a>,
     /// Output folders without stale temporary files.
     swept: RefCell<BTreeSet<PathBuf>>,
-    /// Folders outside of their projects that a warning was printed for. A project has many models, but one cache.
-    outside: RefCell<BTreeSet<PathBuf>>,
 }
 
-/// The command around the bake of one model.
-struct JobHost<'a> {
-    runner: &'a Runner<'a>,
-    job: &'a Job,
-    progress: &'a AssetProgress,
-}
-
-impl Host for JobHost<'_> {
-    /// Checks the output folder, because a bake takes too long to find out afterwards.
-    fn begin(&self) -> Result<(), Error> {
-        self.runner.can_write(self.job)
-    }
-
-    fn compute<T: Send>(&self, work: impl FnOnce() -> T + Send) -> T {
-        self.runner.in_pool(work)
-    }
-
-    fn store(&self, work: impl FnOnce()) {
-        let _hold = self.runner.interrupt.hold();
-        work();
-    }
-
-    fn notify(&self, notice: Notice) {
-        if notice.is_warning() {
-            console::warning(&notice.to_string());
-        } else {
-            self.progress.note(&notice.to_string());
-        }
-    }
-}
-
-impl<'a> Runner<'a> {
+impl<'a> Writer<'a> {
     fn new(args: &'a BakeArgs) -> Result<Self, UsageError> {
-        let build = |n: NonZeroUsize| ThreadPoolBuilder::new().num_threads(n.get()).build();
-        let pool = args.threads.map(build).transpose();
-        let pool = pool.map_err(|e| UsageError(format!("--threads: cannot start the threads: {e}")))?;
-        Ok(Self {
-            args,
-            interrupt: Interrupt::install(),
-            memory: args.memory.map_or_else(default_memory, |size| size.as_u64()),
-            pool,
-            caches: RefCell::default(),
-            swept: RefCell::default(),
-            outside: RefCell::default(),
-        })
+        Ok(Self { args, runner: Runner::new(&args.models)?, swept: RefCell::default() })
     }
 
     fn bake(&self, job: &Job, progress: AssetProgress) -> JobReport {
         let start = Instant::now();
-        let result = job.settings.as_ref().map_err(ToString::to_string).and_then(|settings| {
+        let result = job.settings.as_ref().map_err(ToString::to_string).and_then(|resolved| {
+            let settings = &resolved.settings;
             let file = SourceFile::read(&job.input, &job.name, job.cache.project()).map_err(|e| e.to_string())?;
             let mut outcome = self.find_or_bake(job, &file, settings, &progress).map_err(|e| e.to_string())?;
             let written = self.write(job, &file, &outcome.result).map_err(|e| e.to_string())?;
@@ -142,35 +87,11 @@ impl<'a> Runner<'a> {
         settings: &BakeSettings,
         progress: &AssetProgress,
     ) -> Result<Outcome, Error> {
-        let cache = self.cache(job);
         let draw = |model: &Model, levels: &[Level]| png(&model.name, &contact_sheet(model, levels));
         let parts = if self.args.sheet { Parts::Sheet(&draw) } else { Parts::Levels };
-        let bake = CachedBake::new(file.source(), settings, parts, cache.as_deref())?;
-        let stage = LastStage::new(progress);
-        let context = Context { progress: Some(&stage), memory: Some(self.memory), ..Context::default() };
-        let run = || bake.run(&context, &JobHost { runner: self, job, progress });
-        deadline::within(self.args.timeout, (&job.name, &stage), &context.cancellation, run)
-    }
-
-    fn cache(&self, job: &Job) -> Option<Rc<Cache>> {
-        if self.args.no_cache {
-            return None;
-        }
-        let explicit = CachePlace { dir: self.args.cache_dir.as_deref(), shared: self.args.shared_cache.as_deref() };
-        let warn = |outside: OutsideProject| {
-            if self.outside.borrow_mut().insert(outside.folder.clone()) {
-                console::warning(&outside.to_string());
-            }
-        };
-        let mut caches = self.caches.borrow_mut();
-        caches.entry(job.cache.clone()).or_insert_with(|| job.cache.open(explicit, warn).map(Rc::new)).clone()
-    }
-
-    fn in_pool<T: Send>(&self, work: impl FnOnce() -> T + Send) -> T {
-        match &self.pool {
-            Some(pool) => pool.install(work),
-            None => work(),
-        }
+        // The output folder is checked first, because a bake takes too long to find out afterwards.
+        let begin = || self.can_write(job);
+        self.runner.find_or_bake(&Request { job, file, settings, parts, progress, begin: &begin })
     }
 
     /// Writes the files that were asked for.
@@ -191,8 +112,8 @@ impl<'a> Runner<'a> {
         }
         if self.args.turntable && !result.levels.is_empty() {
             let path = job.turntable_path();
-            let memory = self.memory;
-            let png = self.in_pool(|| draw_turntable(job, file, &result.levels, memory))?;
+            let memory = self.runner.memory;
+            let png = self.runner.in_pool(|| draw_turntable(job, file, &result.levels, memory))?;
             self.write_file(job, &path, &png)?;
             written.turntable = Some(path);
         }
@@ -205,7 +126,7 @@ impl<'a> Runner<'a> {
             return Ok(());
         }
         self.sweep(path);
-        let _hold = self.interrupt.hold();
+        let _hold = self.runner.interrupt.hold();
         write_atomic(path, bytes, Durability::Process).map_err(|e| unwritable(job, path, &e))
     }
 
@@ -217,13 +138,11 @@ impl<'a> Runner<'a> {
         }
     }
 
-    /// Checks that files can be created in the nearest existing folder above the result. Leaves nothing behind.
+    /// Checks that the result can be written.
     fn can_write(&self, job: &Job) -> Result<(), Error> {
         let path = job.combined_path();
-        let there = path.ancestors().skip(1).find(|folder| folder.exists());
-        let folder = there.filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
-        let _hold = self.interrupt.hold();
-        can_write_in(folder).map_err(|e| unwritable(job, &path, &e))
+        let _hold = self.runner.interrupt.hold();
+        can_create(&path).map_err(|e| unwritable(job, &path, &e))
     }
 }
 

@@ -85,7 +85,7 @@ pub(crate) fn run(args: &CompareArgs) -> Result<(), UsageError> {
         let source = &source.name;
         return Err(UsageError(format!("{source}: it holds no levels to compare; name the files of its levels")));
     }
-    let options = Options { views: args.views.get().into(), motion: args.motion };
+    let options = Options { views: args.views.get().into(), motion: args.motion, ..Options::default() };
     let (count, views) = (candidates.len(), options.views);
     console::line(&format!("comparing {count} levels with {} over {views} views", Printable(&source.name)));
     let models: Vec<&Model> = candidates.iter().map(|candidate| &candidate.model).collect();

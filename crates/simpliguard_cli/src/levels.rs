@@ -18,8 +18,8 @@ pub(crate) struct LevelNode {
     pub(crate) error: Option<f64>,
     /// Its mesh.
     pub(crate) mesh: Option<usize>,
-    /// The node itself.
-    node: usize,
+    /// The index of the node itself.
+    pub(crate) node: usize,
 }
 
 /// The levels of a document, the smallest first. None if it is no output of `bake`.
@@ -76,7 +76,7 @@ impl LevelNode {
 }
 
 /// A list of indices; empty if there is none.
-fn indices(object: &Value, name: &str) -> Vec<usize> {
+pub(crate) fn indices(object: &Value, name: &str) -> Vec<usize> {
     let list = object.get(name).and_then(Value::as_array).into_iter().flatten();
     list.filter_map(|index| usize::try_from(index.as_u64()?).ok()).collect()
 }

@@ -23,6 +23,8 @@ mod output;
 mod pattern;
 mod plan;
 mod project;
+mod report;
+mod runner;
 mod settings;
 mod source;
 mod summary;
@@ -42,6 +44,7 @@ pub fn run<T: Into<OsString> + Clone>(args: impl IntoIterator<Item = T>) -> Exit
         Command::Settings(args) => settings::run(&args).map(|()| Exit::Done),
         Command::Inspect(args) => inspect::run(&args).map(|()| Exit::Done),
         Command::Compare(args) => compare::run(&args).map(|()| Exit::Done),
+        Command::Report(args) => report::run(&args),
     };
     let exit = done.unwrap_or_else(|error| {
         console::error(&error.to_string());

@@ -1,9 +1,11 @@
-//! Standard output.
+//! Standard output, and files.
 
 use std::io::{self, Write};
+use std::path::Path;
 
 use serde::Serialize;
 use simpliguard::Printable;
+use simpliguard_cache::can_write_in;
 
 use crate::console::printable_lines;
 use crate::error::UsageError;
@@ -31,6 +33,12 @@ pub(crate) fn write_stdout(text: &str) -> Result<(), UsageError> {
         Err(e) if e.kind() != io::ErrorKind::BrokenPipe => Err(UsageError(format!("cannot write to stdout: {e}"))),
         _ => Ok(()),
     }
+}
+
+/// Checks that a file can be created: in the nearest existing folder above it. Leaves nothing behind.
+pub(crate) fn can_create(file: &Path) -> io::Result<()> {
+    let there = file.ancestors().skip(1).find(|folder| folder.exists());
+    can_write_in(there.filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new(".")))
 }
 
 /// Lines of cells in columns as wide as their longest cell. The first `left` columns are aligned to the left, and the

@@ -4,9 +4,9 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 use simpliguard::Error;
-use simpliguard::settings::BakeSettings;
+use simpliguard::settings::Resolved;
 
-use crate::args::BakeArgs;
+use crate::args::{BakeArgs, ModelArgs};
 use crate::error::UsageError;
 use crate::inputs::{self, Input};
 use crate::project::{ProjectCache, SettingsLookup};
@@ -20,7 +20,7 @@ pub(crate) struct Job {
     /// The name of the model in messages.
     pub(crate) name: String,
     /// Its settings. `Err` fails this model alone.
-    pub(crate) settings: Result<BakeSettings, Error>,
+    pub(crate) settings: Result<Resolved, Error>,
     /// The cache as the model's project configures it.
     pub(crate) cache: ProjectCache,
     /// The path of the result without extension.
@@ -58,10 +58,10 @@ impl Job {
     fn outputs(&self, args: &BakeArgs) -> Vec<PathBuf> {
         let mut outputs = vec![self.combined_path()];
         // The budgets of other targets are known only when the model is read.
-        if let (true, Ok(settings)) = (args.split_levels, &self.settings)
-            && settings.targets.is_empty()
+        if let (true, Ok(resolved)) = (args.split_levels, &self.settings)
+            && resolved.settings.targets.is_empty()
         {
-            outputs.extend(settings.faces.iter().map(|&budget| self.level_path(budget)));
+            outputs.extend(resolved.settings.faces.iter().map(|&budget| self.level_path(budget)));
         }
         if args.sheet {
             outputs.push(self.sheet_path());
@@ -78,20 +78,29 @@ impl Job {
 /// # Errors
 /// If two jobs would write the same file, or one would overwrite an input.
 pub(crate) fn plan(args: &BakeArgs) -> Result<Vec<Job>, UsageError> {
-    let mut lookup = SettingsLookup::new(&args.settings)?;
+    let jobs = jobs(&args.models, &args.output)?;
+    check_outputs(&jobs, args)?;
+    Ok(jobs)
+}
+
+/// The jobs of models, in the order of the inputs. `output` is the folder of the results.
+///
+/// # Errors
+/// For what is wrong with an input, the project or the settings of the command line.
+pub(crate) fn jobs(models: &ModelArgs, output: &Path) -> Result<Vec<Job>, UsageError> {
+    let mut lookup = SettingsLookup::new(&models.settings)?;
     let mut jobs = Vec::new();
-    let inputs = inputs::find(&args.inputs, &args.output, lookup.fixed_project())?;
+    let inputs = inputs::find(&models.inputs, output, lookup.fixed_project())?;
     for input in without_repetition(inputs) {
         let settings = lookup.of(&input.path)?;
         jobs.push(Job {
             name: input.path.display().to_string(),
-            stem: args.output.join(&input.below),
+            stem: output.join(&input.below),
             input: input.path,
-            settings: settings.resolved.map(|r| r.settings),
+            settings: settings.resolved,
             cache: settings.cache,
         });
     }
-    check_outputs(&jobs, args)?;
     Ok(jobs)
 }
 

@@ -14,7 +14,7 @@ const GAP: u32 = 4;
 /// Encoded grey behind the pictures.
 pub(crate) const BACKGROUND: f32 = 0.85;
 /// Directions to look from: front right, front left from above, the back, from below.
-const DIRECTIONS: [[f32; 3]; 4] = [[0.6, 0.35, 0.8], [-0.8, 0.6, 0.5], [-0.3, 0.25, -0.9], [0.5, -0.6, 0.6]];
+pub(crate) const DIRECTIONS: [[f32; 3]; 4] = [[0.6, 0.35, 0.8], [-0.8, 0.6, 0.5], [-0.3, 0.25, -0.9], [0.5, -0.6, 0.6]];
 /// How many times differences are enlarged.
 const ENLARGED: i16 = 3;
 

@@ -8,15 +8,19 @@ use serde_json::Value;
 use simpliguard::data::Model;
 
 /// The JSON of a glTF and the bytes of its images.
-pub(super) struct Document<'a> {
+pub(crate) struct Document<'a> {
     json: &'a Value,
     /// Width and height of each image, if they can be read.
     sizes: Vec<Option<[u32; 2]>>,
 }
 
 impl<'a> Document<'a> {
-    pub(super) fn new(model: &'a Model) -> Self {
-        let source = &model.document;
+    pub(crate) fn new(model: &'a Model) -> Self {
+        Self::of(&model.document)
+    }
+
+    /// The lists of a file and the sizes of its images.
+    pub(crate) fn of(source: &'a simpliguard::data::Document) -> Self {
         let mut document = Self { json: &source.json, sizes: Vec::new() };
         let sizes = document.list("images").iter().enumerate().map(|(i, image)| {
             let outside = source.images.get(i).and_then(Option::as_ref).map(|(bytes, _)| bytes.as_ref());
@@ -32,24 +36,24 @@ impl<'a> Document<'a> {
     }
 
     /// A top-level list; empty if there is none.
-    pub(super) fn list(&self, name: &str) -> &'a [Value] {
+    pub(crate) fn list(&self, name: &str) -> &'a [Value] {
         self.json.get(name).and_then(Value::as_array).map(Vec::as_slice).unwrap_or_default()
     }
 
     /// Width and height of an image.
-    pub(super) fn size_of_image(&self, image: usize) -> Option<[u32; 2]> {
+    pub(crate) fn size_of_image(&self, image: usize) -> Option<[u32; 2]> {
         *self.sizes.get(image)?
     }
 
     /// The image that a texture shows.
-    pub(super) fn image_of_texture(&self, texture: usize) -> Option<usize> {
+    pub(crate) fn image_of_texture(&self, texture: usize) -> Option<usize> {
         let texture = self.list("textures").get(texture)?;
         let webp = || index(texture.pointer("/extensions/EXT_texture_webp")?, "source");
         index(texture, "source").or_else(webp)
     }
 
     /// The textures of a material.
-    pub(super) fn textures_of_material(&self, material: usize) -> BTreeSet<usize> {
+    pub(crate) fn textures_of_material(&self, material: usize) -> BTreeSet<usize> {
         let mut found = BTreeSet::new();
         if let Some(material) = self.list("materials").get(material) {
             find_textures(material, &mut found);
@@ -57,11 +61,11 @@ impl<'a> Document<'a> {
         found
     }
 
-    /// Bytes in the file of the vertices, indices and images of a mesh, and bytes in memory of its textures.
-    pub(super) fn size_of_mesh(&self, mesh: usize) -> (u64, u64) {
-        let Some(mesh) = self.list("meshes").get(mesh) else { return (0, 0) };
+    /// Bytes in the file of the vertices, indices and images of meshes, and bytes in memory of their textures. What several
+    /// meshes share counts once.
+    pub(crate) fn size_of_meshes(&self, meshes: impl IntoIterator<Item = usize>) -> (u64, u64) {
         let (mut accessors, mut images) = (BTreeSet::new(), BTreeSet::new());
-        for primitive in mesh.get("primitives").and_then(Value::as_array).into_iter().flatten() {
+        for primitive in meshes.into_iter().flat_map(|mesh| self.primitives(mesh)) {
             let targets = primitive.get("targets").and_then(Value::as_array).into_iter().flatten();
             let sets = primitive.get("attributes").into_iter().chain(targets).filter_map(Value::as_object);
             accessors.extend(sets.flat_map(|set| set.values()).filter_map(as_index));
@@ -77,15 +81,28 @@ impl<'a> Document<'a> {
         let memory = images.iter().filter_map(|&image| self.size_of_image(image)).map(texture_memory).sum();
         (bytes, memory)
     }
+
+    /// The images that the materials of a mesh show.
+    pub(crate) fn images_of_mesh(&self, mesh: usize) -> BTreeSet<usize> {
+        let materials = self.primitives(mesh).iter().filter_map(|primitive| index(primitive, "material"));
+        let textures = materials.flat_map(|material| self.textures_of_material(material));
+        textures.filter_map(|texture| self.image_of_texture(texture)).collect()
+    }
+
+    /// The primitives of a mesh; each is a draw call.
+    pub(crate) fn primitives(&self, mesh: usize) -> &'a [Value] {
+        let primitives = self.list("meshes").get(mesh).and_then(|mesh| mesh.get("primitives"));
+        primitives.and_then(Value::as_array).map(Vec::as_slice).unwrap_or_default()
+    }
 }
 
 /// Bytes in memory of a texture of this size: four a texel, and a third of that for mipmaps.
-pub(super) fn texture_memory([width, height]: [u32; 2]) -> u64 {
+pub(crate) fn texture_memory([width, height]: [u32; 2]) -> u64 {
     u64::from(width) * u64::from(height) * 4 * 4 / 3
 }
 
 /// A property that refers to an item of a list, or counts.
-pub(super) fn index(object: &Value, name: &str) -> Option<usize> {
+pub(crate) fn index(object: &Value, name: &str) -> Option<usize> {
     object.get(name).and_then(as_index)
 }
 
@@ -132,7 +149,7 @@ mod tests {
                             {"byteLength": 50000}],
         });
         let document = Document { json: &json, sizes: vec![Some([64, 32]), Some([3, 1])] };
-        assert_eq!(document.size_of_mesh(0), (4321, 64 * 32 * 16 / 3 + 16));
-        assert_eq!(document.size_of_mesh(7), (0, 0));
+        assert_eq!(document.size_of_meshes([0, 0]), (4321, 64 * 32 * 16 / 3 + 16));
+        assert_eq!(document.size_of_meshes([7]), (0, 0));
     }
 }

@@ -1,7 +1,7 @@
 //! `simpliguard inspect`: the contents of a model, its settings and its result in the cache; or the stages of the pipeline.
 
 mod contents;
-mod document;
+pub(crate) mod document;
 mod pipeline;
 mod table;
 
@@ -101,7 +101,7 @@ fn inspect(path: &Path, args: &InspectArgs) -> Result<Inspection, UsageError> {
     let model = import(&file.source(), &ImportLimits::default())?;
     let document = Document::new(&model);
     let level = |level: &crate::levels::LevelNode| {
-        let (bytes, texture_memory) = level.mesh.map_or((0, 0), |mesh| document.size_of_mesh(mesh));
+        let (bytes, texture_memory) = document.size_of_meshes(level.mesh);
         let crate::levels::LevelNode { level, budget, faces, error, .. } = *level;
         LevelSize { level, budget, faces, error, bytes, texture_memory }
     };

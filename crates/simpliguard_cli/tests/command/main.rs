@@ -7,5 +7,6 @@ mod folder;
 mod gate;
 mod hostile;
 mod inspect;
+mod report;
 mod together;
 mod usage;

@@ -88,7 +88,7 @@ fn measure(file: &Path, arguments: &Arguments) -> Result<Vec<Row>, Box<dyn Error
         levels.extend([("simpliguard", budget, model), ("meshoptimizer", budget, collapsed)]);
     }
     let models: Vec<&Model> = levels.iter().map(|(_, _, model)| model).collect();
-    let compared = compare(&source, &models, &Options { views: arguments.views, motion: false });
+    let compared = compare(&source, &models, &Options { views: arguments.views, volume: false, motion: false });
     let row = |(&(method, budget, _), comparison)| Row { method, budget, comparison };
     let rows: Vec<Row> = levels.iter().zip(compared).map(row).collect();
     rows.iter().for_each(|row| row.print(&name));

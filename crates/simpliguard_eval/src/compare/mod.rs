@@ -4,10 +4,10 @@
 //! also says how closely the figures agree.
 
 mod distance;
-mod flip;
+pub(crate) mod flip;
 pub(crate) mod image;
 mod motion;
-mod plane;
+pub(crate) mod plane;
 pub(crate) mod views;
 mod volume;
 mod winding;
@@ -32,13 +32,15 @@ pub const VIEWS: usize = 80;
 pub struct Options {
     /// Number of views of the rest pose.
     pub views: usize,
+    /// Also compare the volumes. It takes longer than all the rest.
+    pub volume: bool,
     /// Also compare frames of the clips.
     pub motion: bool,
 }
 
 impl Default for Options {
     fn default() -> Self {
-        Self { views: VIEWS, motion: false }
+        Self { views: VIEWS, volume: true, motion: false }
     }
 }
 
@@ -54,8 +56,8 @@ pub struct Comparison {
     /// Intersection over union of the silhouettes, mean over the views.
     pub silhouette_iou: f64,
     /// Intersection over union of the volumes, on a grid with 128 voxels along the source's longest side. A voxel is inside
-    /// if the generalized winding number at its centre is above a half, with either sign. `None` if neither has an inside.
-    /// An open or thin source has an inside by chance.
+    /// if the generalized winding number at its centre is above a half, with either sign. An open or thin source has an
+    /// inside by chance. `None` if neither has an inside, or if it was not asked for.
     pub iou_3d: Option<f64>,
     /// Distances between the surfaces; `None` if one has no area.
     pub distances: Option<Distances>,
@@ -66,7 +68,7 @@ pub struct Comparison {
 /// Compares levels with their source.
 pub fn compare(source: &Model, levels: &[&Model], options: &Options) -> Vec<Comparison> {
     let mesh = mesh_of(source);
-    let inside = Grid::around(&mesh).map(|grid| (grid, grid.occupancy(&mesh)));
+    let inside = Grid::around(&mesh).filter(|_| options.volume).map(|grid| (grid, grid.occupancy(&mesh)));
     let metric = DistanceMetric::new(&mesh);
     let views = view_metrics(source, levels, options.views);
     let compare = |(level, metrics): (&&Model, views::ViewMetrics)| {
@@ -112,7 +114,7 @@ mod tests {
         Model { surface, materials: vec![red], ..Model::empty("box") }
     }
 
-    const FEW: Options = Options { views: 4, motion: true };
+    const FEW: Options = Options { views: 4, volume: true, motion: true };
 
     #[test]
     fn a_model_is_like_itself() {

@@ -1,0 +1,164 @@
+//! Accessors of a glTF as plain arrays.
+
+use serde_json::Value;
+use simpliguard::data::Document;
+
+use crate::inspect::document::index;
+
+/// Component type of 32-bit floats.
+const FLOAT: u64 = 5126;
+
+/// The elements of an accessor, without gaps between them.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Array {
+    /// The accessor without its buffer view, offsets and sparse elements.
+    pub(super) json: Value,
+    pub(super) bytes: Vec<u8>,
+    /// Bytes of an element.
+    pub(super) size: usize,
+}
+
+impl Array {
+    /// Reads an accessor, with its sparse elements in place. `None` if it is not as the specification asks.
+    pub(super) fn read(document: &Document, accessor: usize) -> Option<Self> {
+        let json = document.json.get("accessors")?.get(accessor)?;
+        let size = components(json)? * component_bytes(json)?;
+        let count = index(json, "count")?;
+        let mut bytes = match index(json, "bufferView") {
+            Some(_) => gather(document, json, size, count)?,
+            None => vec![0; size.checked_mul(count)?],
+        };
+        if let Some(sparse) = json.get("sparse") {
+            lay_sparse(document, sparse, size, &mut bytes)?;
+        }
+        let mut json = json.clone();
+        for field in ["bufferView", "byteOffset", "sparse"] {
+            json.as_object_mut()?.remove(field);
+        }
+        Some(Self { json, bytes, size })
+    }
+
+    /// The elements with these indices; `None` if one is out of range.
+    pub(super) fn subset(&self, elements: &[u32]) -> Option<Self> {
+        let mut bytes = Vec::with_capacity(elements.len() * self.size);
+        for &element in elements {
+            let start = element as usize * self.size;
+            bytes.extend(self.bytes.get(start..start + self.size)?);
+        }
+        let mut json = self.json.clone();
+        json.as_object_mut()?.insert("count".into(), elements.len().into());
+        Some(Self { json, bytes, size: self.size })
+    }
+
+    /// Positions as floats; `None` if they are of another type.
+    pub(super) fn positions(&self) -> Option<Vec<[f32; 3]>> {
+        (self.json.get("componentType")?.as_u64()? == FLOAT && self.size == 12).then_some(())?;
+        let float = |b: &[u8]| f32::from_le_bytes([b[0], b[1], b[2], b[3]]);
+        Some(self.bytes.chunks_exact(12).map(|p| [float(&p[..4]), float(&p[4..8]), float(&p[8..])]).collect())
+    }
+
+    /// Indices of any width; `None` if it is no list of them.
+    pub(super) fn indices(&self) -> Option<Vec<u32>> {
+        (1..=4).contains(&self.size).then_some(())?;
+        let number = |b: &[u8]| b.iter().rev().fold(0, |n, &byte| n << 8 | u32::from(byte));
+        Some(self.bytes.chunks_exact(self.size).map(number).collect())
+    }
+
+    /// Indices as an array, each as narrow as they allow.
+    pub(super) fn of_indices(indices: &[u32]) -> Self {
+        let is_short = indices.iter().all(|&i| i < u32::from(u16::MAX));
+        let (kind, size) = if is_short { (5123, 2) } else { (5125, 4) };
+        let bytes = indices.iter().flat_map(|i| i.to_le_bytes().into_iter().take(size)).collect();
+        let json = serde_json::json!({"componentType": kind, "type": "SCALAR", "count": indices.len()});
+        Self { json, bytes, size }
+    }
+}
+
+/// The elements of an accessor or of a part of a sparse one, from its buffer view.
+fn gather(document: &Document, json: &Value, size: usize, count: usize) -> Option<Vec<u8>> {
+    let view = document.json.get("bufferViews")?.get(index(json, "bufferView")?)?;
+    let buffer = document.buffers.get(index(view, "buffer")?)?;
+    let start = index(view, "byteOffset").unwrap_or(0).checked_add(index(json, "byteOffset").unwrap_or(0))?;
+    let stride = index(view, "byteStride").unwrap_or(size);
+    let mut bytes = Vec::new();
+    for i in 0..count {
+        let at = start.checked_add(i.checked_mul(stride)?)?;
+        bytes.extend(buffer.get(at..at.checked_add(size)?)?);
+    }
+    Some(bytes)
+}
+
+fn lay_sparse(document: &Document, sparse: &Value, size: usize, bytes: &mut [u8]) -> Option<()> {
+    let count = index(sparse, "count")?;
+    let [places, values] = ["indices", "values"].map(|part| sparse.get(part));
+    let (places, width) = (places?, component_bytes(places?)?);
+    let places = gather(document, places, width, count)?;
+    let values = gather(document, values?, size, count)?;
+    for (place, value) in places.chunks_exact(width).zip(values.chunks_exact(size)) {
+        let start = place.iter().rev().fold(0, |n, &byte| n << 8 | usize::from(byte)).checked_mul(size)?;
+        bytes.get_mut(start..start.checked_add(size)?)?.copy_from_slice(value);
+    }
+    Some(())
+}
+
+fn components(json: &Value) -> Option<usize> {
+    Some(match json.get("type")?.as_str()? {
+        "SCALAR" => 1,
+        "VEC2" => 2,
+        "VEC3" => 3,
+        "VEC4" | "MAT2" => 4,
+        "MAT3" => 9,
+        "MAT4" => 16,
+        _ => return None,
+    })
+}
+
+fn component_bytes(json: &Value) -> Option<usize> {
+    Some(match json.get("componentType")?.as_u64()? {
+        5120 | 5121 => 1,
+        5122 | 5123 => 2,
+        5125 | FLOAT => 4,
+        _ => return None,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use serde_json::json;
+
+    use super::*;
+
+    fn document(bytes: Vec<u8>, json: Value) -> Document {
+        Document { json, buffers: vec![bytes.into()], ..Document::default() }
+    }
+
+    #[test]
+    fn interleaved_and_sparse_elements_are_laid_side_by_side() {
+        let document = document(
+            vec![1, 0, 9, 9, 2, 0, 9, 9, 3, 0, 9, 9, 1, 0, 7, 0],
+            json!({
+                "bufferViews": [{"buffer": 0, "byteLength": 12, "byteStride": 4}, {"buffer": 0, "byteOffset": 12}],
+                "accessors": [
+                    {"bufferView": 0, "componentType": 5123, "type": "SCALAR", "count": 3, "sparse": {
+                        "count": 1, "indices": {"bufferView": 1, "componentType": 5121},
+                        "values": {"bufferView": 1, "byteOffset": 2, "componentType": 5123}}},
+                    {"bufferView": 0, "componentType": 5123, "type": "SCALAR", "count": 9},
+                ],
+            }),
+        );
+        let array = Array::read(&document, 0).expect("an accessor");
+        assert_eq!(array.indices(), Some(vec![1, 7, 3]));
+        assert_eq!(array.json, json!({"componentType": 5123, "type": "SCALAR", "count": 3}));
+        assert_eq!(array.subset(&[2, 0]).and_then(|subset| subset.indices()), Some(vec![3, 1]));
+        assert!(array.subset(&[3]).is_none());
+        assert!(Array::read(&document, 1).is_none() && Array::read(&document, 2).is_none());
+    }
+
+    #[test]
+    fn indices_are_as_narrow_as_they_allow() {
+        for (indices, size) in [(vec![0, 1, 65534], 2), (vec![0, 65535], 4)] {
+            let array = Array::of_indices(&indices);
+            assert_eq!((array.size, array.indices()), (size, Some(indices)));
+        }
+    }
+}

@@ -1,0 +1,129 @@
+//! The runner: finds the results of models in the cache or bakes them, one after another, each on all threads.
+
+use std::cell::RefCell;
+use std::collections::{BTreeMap, BTreeSet};
+use std::num::NonZeroUsize;
+use std::path::PathBuf;
+use std::rc::Rc;
+
+use rayon::{ThreadPool, ThreadPoolBuilder};
+use simpliguard::settings::BakeSettings;
+use simpliguard::{Context, Error};
+use simpliguard_bake::{CachePlace, CachedBake, Host, Notice, Outcome, OutsideProject, Parts, default_memory};
+use simpliguard_cache::Cache;
+
+use crate::args::ModelArgs;
+use crate::console::{self, AssetProgress};
+use crate::deadline::{self, LastStage};
+use crate::error::UsageError;
+use crate::interrupt::Interrupt;
+use crate::plan::Job;
+use crate::project::ProjectCache;
+use crate::source::SourceFile;
+
+/// The state that all bakes of one run share.
+pub(crate) struct Runner<'a> {
+    models: &'a ModelArgs,
+    pub(crate) interrupt: Interrupt,
+    /// Bytes that the bake of one model may take.
+    pub(crate) memory: u64,
+    /// `None` for the global pool with all cores.
+    pool: Option<ThreadPool>,
+    /// The caches of the projects so far. A shared cache that hangs costs one of them one wait, not each model.
+    caches: RefCell<BTreeMap<ProjectCache, Option<Rc<Cache>>>>,
+    /// Folders outside of their projects that a warning was printed for. A project has many models, but one cache.
+    outside: RefCell<BTreeSet<PathBuf>>,
+}
+
+/// A model that has been read, and what its bake needs.
+pub(crate) struct Request<'a> {
+    pub(crate) job: &'a Job,
+    pub(crate) file: &'a SourceFile,
+    pub(crate) settings: &'a BakeSettings,
+    pub(crate) parts: Parts<'a>,
+    pub(crate) progress: &'a AssetProgress,
+    /// Called before a bake begins. An error ends it.
+    pub(crate) begin: &'a dyn Fn() -> Result<(), Error>,
+}
+
+/// The command around the bake of one model.
+struct JobHost<'a> {
+    runner: &'a Runner<'a>,
+    request: &'a Request<'a>,
+}
+
+impl Host for JobHost<'_> {
+    fn begin(&self) -> Result<(), Error> {
+        (self.request.begin)()
+    }
+
+    fn compute<T: Send>(&self, work: impl FnOnce() -> T + Send) -> T {
+        self.runner.in_pool(work)
+    }
+
+    fn store(&self, work: impl FnOnce()) {
+        let _hold = self.runner.interrupt.hold();
+        work();
+    }
+
+    fn notify(&self, notice: Notice) {
+        if notice.is_warning() {
+            console::warning(&notice.to_string());
+        } else {
+            self.request.progress.note(&notice.to_string());
+        }
+    }
+}
+
+impl<'a> Runner<'a> {
+    pub(crate) fn new(models: &'a ModelArgs) -> Result<Self, UsageError> {
+        let build = |n: NonZeroUsize| ThreadPoolBuilder::new().num_threads(n.get()).build();
+        let pool = models.threads.map(build).transpose();
+        let pool = pool.map_err(|e| UsageError(format!("--threads: cannot start the threads: {e}")))?;
+        Ok(Self {
+            models,
+            interrupt: Interrupt::install(),
+            memory: models.memory.map_or_else(default_memory, |size| size.as_u64()),
+            pool,
+            caches: RefCell::default(),
+            outside: RefCell::default(),
+        })
+    }
+
+    /// The result of a model: from the cache, or baked and stored.
+    ///
+    /// # Errors
+    /// Those of the pipeline and of [`Request::begin`].
+    pub(crate) fn find_or_bake(&self, request: &Request<'_>) -> Result<Outcome, Error> {
+        let Request { job, file, settings, parts, progress, .. } = *request;
+        let cache = self.cache(job);
+        let bake = CachedBake::new(file.source(), settings, parts, cache.as_deref())?;
+        let stage = LastStage::new(progress);
+        let context = Context { progress: Some(&stage), memory: Some(self.memory), ..Context::default() };
+        let run = || bake.run(&context, &JobHost { runner: self, request });
+        deadline::within(self.models.timeout, (&job.name, &stage), &context.cancellation, run)
+    }
+
+    fn cache(&self, job: &Job) -> Option<Rc<Cache>> {
+        if self.models.no_cache {
+            return None;
+        }
+        let explicit =
+            CachePlace { dir: self.models.cache_dir.as_deref(), shared: self.models.shared_cache.as_deref() };
+        let warn = |outside: OutsideProject| {
+            if self.outside.borrow_mut().insert(outside.folder.clone()) {
+                console::warning(&outside.to_string());
+            }
+        };
+        let mut caches = self.caches.borrow_mut();
+        caches.entry(job.cache.clone()).or_insert_with(|| job.cache.open(explicit, warn).map(Rc::new)).clone()
+    }
+
+    /// Runs work on the threads of this run.
+    pub(crate) fn in_pool<T: Send>(&self, work: impl FnOnce() -> T + Send) -> T {
+        match &self.pool {
+            Some(pool) => pool.install(work),
+            None => work(),
+        }
+    }
+}
