@@ -71,6 +71,11 @@ impl Tier for Cloud {
         found.map(|part| part.map(Into::into)).map_err(|e| e.to_string())
     }
 
+    fn has_object(&self, object: &Hash, size: u64) -> Result<bool, String> {
+        let found = if_there(self.runtime.block_on(self.store.head(&self.object_path(object))));
+        found.map(|meta| meta.is_some_and(|meta| meta.size == size)).map_err(|e| e.to_string())
+    }
+
     fn put_object(&self, object: &Hash, bytes: &[u8]) -> Result<(), String> {
         let (path, bytes) = (self.object_path(object), bytes.to_vec());
         match self.runtime.block_on(self.store.put_opts(&path, bytes.into(), PutMode::Create.into())) {

@@ -62,19 +62,34 @@ pub(crate) struct Requests<'a> {
 impl Requests<'_> {
     /// The result of a key, checked against its hashes.
     pub(crate) fn get(self, key: &Key) -> Result<Option<Entry>, Failure> {
-        let key = *key;
-        let Some(json) = self.send(0, move |tier| tier.record(&key, MOST_RECORD_BYTES))? else { return Ok(None) };
-        let record = match Record::parse(&json, &key.hex()) {
-            Ok(Some(record)) => record,
-            Ok(None) => return Ok(None),
-            Err(reason) => return Err(Failure::Broken(self.set_aside(Damaged::Record(key), &reason)?)),
-        };
+        let Some(record) = self.record(key)? else { return Ok(None) };
         let mut objects = Vec::with_capacity(record.objects.len());
         for object in record.objects {
             let Some(bytes) = self.object(&object)? else { return Ok(None) };
             objects.push((object.name, bytes));
         }
         Ok(Some(Entry { objects }))
+    }
+
+    /// Tells whether the result of a key is there with all its objects. Their contents are not read.
+    pub(crate) fn has(self, key: &Key) -> Result<bool, Failure> {
+        let Some(record) = self.record(key)? else { return Ok(false) };
+        for ObjectRecord { hash, size, .. } in record.objects {
+            if !self.send(0, move |tier| tier.has_object(&hash, size))? {
+                return Ok(false);
+            }
+        }
+        Ok(true)
+    }
+
+    /// The record of a key.
+    fn record(self, key: &Key) -> Result<Option<Record>, Failure> {
+        let key = *key;
+        let Some(json) = self.send(0, move |tier| tier.record(&key, MOST_RECORD_BYTES))? else { return Ok(None) };
+        match Record::parse(&json, &key.hex()) {
+            Ok(record) => Ok(record),
+            Err(reason) => Err(Failure::Broken(self.set_aside(Damaged::Record(key), &reason)?)),
+        }
     }
 
     fn object(self, object: &ObjectRecord) -> Result<Option<Vec<u8>>, Failure> {

@@ -58,6 +58,12 @@ impl Shared {
         Ok(self.ask("read from", flight.is_cancelled, get)?.flatten())
     }
 
+    /// Tells whether the tier has the result that `flight` asks for, with all its objects. Nothing is fetched.
+    pub(crate) fn has(&self, flight: &Flight<'_>) -> Result<bool, StorageError> {
+        let has = |requests: Requests<'_>| requests.has(flight.key);
+        Ok(self.ask("read from", flight.is_cancelled, has)?.unwrap_or(false))
+    }
+
     /// Stores the result that `flight` asks for.
     pub(crate) fn put(&self, flight: &Flight<'_>, entry: Entry) -> Result<(), StorageError> {
         if self.read_only {
@@ -154,6 +160,11 @@ mod tests {
             self.answer("part", |files| Ok(files.get(object.to_hex().as_str()).map(part)))
         }
 
+        fn has_object(&self, object: &Hash, size: u64) -> Result<bool, String> {
+            let is_whole = |file: &Vec<u8>| file.len() as u64 == size;
+            self.answer("has_object", |files| Ok(files.get(object.to_hex().as_str()).is_some_and(is_whole)))
+        }
+
         fn put_object(&self, object: &Hash, bytes: &[u8]) -> Result<(), String> {
             self.answer("put_object", |files| files.insert(object.to_string(), bytes.to_vec()));
             Ok(())
@@ -201,6 +212,18 @@ mod tests {
         assert_eq!(get(&shared), Ok(None));
         put(&shared).expect("stores");
         assert_eq!(get(&shared), Ok(Some(entry())));
+    }
+
+    #[test]
+    fn a_result_is_there_if_all_its_objects_are() {
+        let memory = Arc::new(Memory::default());
+        let shared = Shared::new("server", Ok(memory.clone()), false).with_patience(PATIENCE);
+        let has = || shared.has(&flight(&key())).expect("answers");
+        assert!(!has());
+        put(&shared).expect("stores");
+        assert!(has());
+        memory.files.lock().expect("sound").insert(content_hash(b"content").to_string(), b"short".to_vec());
+        assert!(!has());
     }
 
     #[test]

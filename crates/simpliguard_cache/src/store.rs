@@ -278,7 +278,7 @@ impl Cache {
     }
 
     /// Tells whether a path is a file of the cache with this size.
-    fn has(&self, path: &Path, size: u64) -> bool {
+    pub(crate) fn has(&self, path: &Path, size: u64) -> bool {
         self.owns(path).unwrap_or(false) && fs::symlink_metadata(path).is_ok_and(|there| there.len() == size)
     }
 

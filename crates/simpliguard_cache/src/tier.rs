@@ -14,6 +14,8 @@ pub(crate) trait Tier: Debug + Send + Sync {
     fn record(&self, key: &Key, most: u64) -> Result<Option<Vec<u8>>, String>;
     /// A part of an object. It is shorter if the object ends there.
     fn part(&self, object: &Hash, bytes: Range<u64>) -> Result<Option<Vec<u8>>, String>;
+    /// Tells whether an object is there with this size in bytes. Its content is not read.
+    fn has_object(&self, object: &Hash, size: u64) -> Result<bool, String>;
     /// Stores an object, unless it is there.
     fn put_object(&self, object: &Hash, bytes: &[u8]) -> Result<(), String>;
     /// Stores the record of a key.

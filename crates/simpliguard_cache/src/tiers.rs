@@ -94,6 +94,10 @@ impl Tier for Cache {
         }
     }
 
+    fn has_object(&self, object: &Hash, size: u64) -> Result<bool, String> {
+        Ok(self.has(&self.path("objects", object.as_bytes()), size))
+    }
+
     fn put_object(&self, object: &Hash, bytes: &[u8]) -> Result<(), String> {
         self.write_object(object, bytes).map(drop).map_err(|e| e.to_string())
     }

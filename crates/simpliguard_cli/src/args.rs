@@ -9,6 +9,7 @@ use clap::{Parser, Subcommand};
 use simpliguard::settings::{BakeOverrides, Layer, Origin, parse_cache_size, parse_overrides};
 
 use crate::error::UsageError;
+use crate::farm::FarmArgs;
 use crate::source::{read_text, shown};
 
 /// Textured, skinned levels of detail for glTF models.
@@ -26,6 +27,7 @@ pub(crate) enum Command {
     Cache(CacheArgs),
     Inspect(InspectArgs),
     Compare(CompareArgs),
+    Farm(FarmArgs),
 }
 
 /// Bake levels of detail into models.
@@ -36,8 +38,14 @@ pub(crate) enum Command {
 #[derive(clap::Args, Debug)]
 pub(crate) struct BakeArgs {
     /// .glb and .gltf files, folders, or patterns such as `models/*.glb`. Folders are searched for both, except hidden folders and the output folder.
-    #[arg(required = true, value_name = "INPUT")]
+    #[arg(required_unless_present = "files_from", value_name = "INPUT")]
     pub(crate) inputs: Vec<PathBuf>,
+    /// A text file with more inputs: the path of one model a line. Their paths are kept below the output folder.
+    #[arg(long, value_name = "FILE")]
+    pub(crate) files_from: Option<PathBuf>,
+    /// Folder that the paths in `--files-from` are relative to; else the current folder.
+    #[arg(long, value_name = "DIR", requires = "files_from")]
+    pub(crate) root: Option<PathBuf>,
     /// Folder of the results. Paths below a searched folder are kept.
     #[arg(long, short, value_name = "DIR", default_value = "lods")]
     pub(crate) output: PathBuf,
@@ -77,6 +85,9 @@ pub(crate) struct BakeArgs {
     /// Print one JSON document to stdout; everything else goes to stderr.
     #[arg(long)]
     pub(crate) json: bool,
+    /// Also write the JSON document to a file.
+    #[arg(long, value_name = "FILE")]
+    pub(crate) report: Option<PathBuf>,
 }
 
 /// Bars that every level must meet.

@@ -1,6 +1,6 @@
 //! `simpliguard bake`: bakes one model after another, each on all threads.
 
-use std::cell::RefCell;
+use std::cell::{Cell, RefCell};
 use std::collections::{BTreeMap, BTreeSet};
 use std::io::{self, Cursor};
 use std::num::NonZeroUsize;
@@ -13,7 +13,7 @@ use rayon::{ThreadPool, ThreadPoolBuilder};
 use simpliguard::data::{Level, Model};
 use simpliguard::gltf::{ImportLimits, import};
 use simpliguard::settings::BakeSettings;
-use simpliguard::{Context, Error, NoResources, Source, StageId};
+use simpliguard::{Context, Error, Key, NoResources, Source, StageId};
 use simpliguard_bake::{
     BakeResult, CachePlace, CachedBake, Host, Notice, Outcome, OutsideProject, Parts, default_memory,
 };
@@ -48,7 +48,7 @@ fn bake_all(args: &BakeArgs) -> Result<Exit, UsageError> {
     let runner = Runner::new(args)?;
     let bake = |(number, job)| runner.bake(job, AssetProgress::new(number + 1, jobs.len(), &job.name));
     let reports: Vec<JobReport> = jobs.iter().enumerate().map(bake).collect();
-    summary::print(&reports, args.json)?;
+    summary::print(&reports, args.json, args.report.as_deref())?;
     Ok(summary::exit(&reports))
 }
 
@@ -117,9 +117,10 @@ impl<'a> Runner<'a> {
 
     fn bake(&self, job: &Job, progress: AssetProgress) -> JobReport {
         let start = Instant::now();
+        let key = Cell::new(None);
         let result = job.settings.as_ref().map_err(ToString::to_string).and_then(|settings| {
             let file = SourceFile::read(&job.input, &job.name, job.cache.project()).map_err(|e| e.to_string())?;
-            let mut outcome = self.find_or_bake(job, &file, settings, &progress).map_err(|e| e.to_string())?;
+            let mut outcome = self.find_or_bake(job, &file, settings, &progress, &key).map_err(|e| e.to_string())?;
             let written = self.write(job, &file, &outcome.result).map_err(|e| e.to_string())?;
             if !job.input.exists() {
                 outcome.result.report.notes.push(GONE.to_owned());
@@ -131,6 +132,7 @@ impl<'a> Runner<'a> {
             Ok((outcome, written, missed)) => JobReport::done(job, outcome, written, missed, start.elapsed()),
             Err(error) => JobReport::failed(job, error, start.elapsed()),
         };
+        let report = report.with_key(key.get());
         progress.finish(&report.line());
         report
     }
@@ -141,11 +143,13 @@ impl<'a> Runner<'a> {
         file: &SourceFile,
         settings: &BakeSettings,
         progress: &AssetProgress,
+        key: &Cell<Option<Key>>,
     ) -> Result<Outcome, Error> {
         let cache = self.cache(job);
         let draw = |model: &Model, levels: &[Level]| png(&model.name, &contact_sheet(model, levels));
         let parts = if self.args.sheet { Parts::Sheet(&draw) } else { Parts::Levels };
         let bake = CachedBake::new(file.source(), settings, parts, cache.as_deref())?;
+        key.set(Some(bake.key()));
         let stage = LastStage::new(progress);
         let context = Context { progress: Some(&stage), memory: Some(self.memory), ..Context::default() };
         let run = || bake.run(&context, &JobHost { runner: self, job, progress });

@@ -80,7 +80,10 @@ impl Job {
 pub(crate) fn plan(args: &BakeArgs) -> Result<Vec<Job>, UsageError> {
     let mut lookup = SettingsLookup::new(&args.settings)?;
     let mut jobs = Vec::new();
-    let inputs = inputs::find(&args.inputs, &args.output, lookup.fixed_project())?;
+    let mut inputs = inputs::find(&args.inputs, &args.output, lookup.fixed_project())?;
+    if let Some(list) = &args.files_from {
+        inputs.extend(inputs::listed(list, args.root.as_deref().unwrap_or(Path::new("")))?);
+    }
     for input in without_repetition(inputs) {
         let settings = lookup.of(&input.path)?;
         jobs.push(Job {
@@ -96,7 +99,7 @@ pub(crate) fn plan(args: &BakeArgs) -> Result<Vec<Job>, UsageError> {
 }
 
 /// Removes repetitions: a model may be given itself and through its folder.
-fn without_repetition(inputs: Vec<Input>) -> Vec<Input> {
+pub(crate) fn without_repetition(inputs: Vec<Input>) -> Vec<Input> {
     let mut seen = BTreeSet::new();
     let identity = |input: &Input| (same_file(&input.path), input.below.clone());
     inputs.into_iter().filter(|input| seen.insert(identity(input))).collect()
