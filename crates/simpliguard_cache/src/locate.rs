@@ -2,6 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
+use crate::counters::add;
 use crate::flight::Flight;
 use crate::store::{Cache, Lookup};
 
@@ -20,10 +21,14 @@ impl Cache {
     /// so the result may still turn out to be damaged. A failure of a tier is a notice and counts as a miss.
     pub fn locate(&self, flight: &Flight<'_>) -> Option<TierName> {
         match self.get_objects(flight.key, |_| false) {
-            Lookup::Hit(_) => return Some(TierName::Local),
+            Lookup::Hit(_) => {
+                add(&self.tally().hits, 1);
+                return Some(TierName::Local);
+            }
             Lookup::Damaged(error) => (flight.notify)(error.into()),
             Lookup::Miss => {}
         }
+        add(&self.tally().misses, 1);
         match self.shared()?.has(flight) {
             Ok(is_there) => is_there.then_some(TierName::Shared),
             Err(error) => {

@@ -126,9 +126,9 @@ pub(crate) struct CacheArgs {
     pub(crate) json: bool,
 }
 
-#[derive(Subcommand, Clone, Copy, Debug)]
+#[derive(Subcommand, Clone, Debug)]
 pub(crate) enum CacheCommand {
-    /// Print the content of the cache.
+    /// Print the content of the cache, and the hits and misses of each tier.
     Stats,
     /// Remove files that nobody can use; if the cache is too large, also the least recently used files.
     Gc {
@@ -137,7 +137,20 @@ pub(crate) enum CacheCommand {
         max_size: Option<u64>,
     },
     /// Read and hash all files, and move damaged files to quarantine.
-    Verify,
+    Verify {
+        /// Also bake a sample of ASSETs again, such as `1%` of those in the cache, and compare the results byte by byte.
+        #[arg(long, value_name = "PERCENT", value_parser = parse_percent, requires = "assets")]
+        rebake: Option<f64>,
+        /// Models as for `bake`. They are looked up with the settings of their projects.
+        #[arg(value_name = "ASSET", requires = "rebake")]
+        assets: Vec<PathBuf>,
+    },
+    /// Write a new secret key to a file, and print its public key. Machines with $SIMPLIGUARD_SIGNING_KEY sign what they store
+    /// in the shared cache; those with $SIMPLIGUARD_TRUSTED_KEYS use only what a trusted key has signed.
+    Keygen {
+        /// A new file for the secret key.
+        file: PathBuf,
+    },
     /// Remove all files of the cache.
     Clear,
 }
@@ -204,8 +217,15 @@ pub(crate) struct CompareArgs {
     pub(crate) json: bool,
 }
 
+/// A fraction from a text such as `1%`.
+fn parse_percent(text: &str) -> Result<f64, String> {
+    let percent = text.strip_suffix('%').and_then(|number| number.trim().parse::<f64>().ok());
+    let valid = percent.filter(|percent| *percent > 0.0 && *percent <= 100.0);
+    valid.map(|percent| percent / 100.0).ok_or_else(|| "expected a percentage above 0% and up to 100%".to_owned())
+}
+
 /// Origins of settings. Later ones win: project defaults, matching rules, profile, `.meta`, settings file, flags.
-#[derive(clap::Args, Debug)]
+#[derive(clap::Args, Clone, Debug, Default)]
 pub(crate) struct SettingsSources {
     /// The project, whose `config/simpliguard.ron` applies; else the nearest folder above the input with such a file.
     #[arg(long, value_name = "DIR")]

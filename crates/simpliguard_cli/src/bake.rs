@@ -1,6 +1,6 @@
 //! `simpliguard bake`: bakes one model after another, each on all threads.
 
-use std::cell::{Cell, RefCell};
+use std::cell::RefCell;
 use std::collections::{BTreeMap, BTreeSet};
 use std::io::{self, Cursor};
 use std::num::NonZeroUsize;
@@ -13,11 +13,13 @@ use rayon::{ThreadPool, ThreadPoolBuilder};
 use simpliguard::data::{Level, Model};
 use simpliguard::gltf::{ImportLimits, import};
 use simpliguard::settings::BakeSettings;
-use simpliguard::{Context, Error, Key, NoResources, Source, StageId};
+use simpliguard::{Context, Error, NoResources, Source, StageId};
 use simpliguard_bake::{
-    BakeResult, CachePlace, CachedBake, Host, Notice, Outcome, OutsideProject, Parts, default_memory,
+    BakeResult, CachePlace, CachedBake, Host, Notice, Outcome, OutsideProject, Parts, SHARED_ENV_VAR, default_memory,
 };
-use simpliguard_cache::{Cache, Durability, can_write_in, read_bounded, remove_stale_temporaries, write_atomic};
+use simpliguard_cache::{
+    Cache, Counters, Durability, StorageError, can_write_in, read_bounded, remove_stale_temporaries, write_atomic,
+};
 use simpliguard_eval::{TurntableError, contact_sheet, turntable};
 
 use crate::Exit;
@@ -46,9 +48,11 @@ pub(crate) fn run(args: &BakeArgs) -> Result<Exit, UsageError> {
 fn bake_all(args: &BakeArgs) -> Result<Exit, UsageError> {
     let jobs = plan(args)?;
     let runner = Runner::new(args)?;
+    runner.probe(&jobs)?;
     let bake = |(number, job)| runner.bake(job, AssetProgress::new(number + 1, jobs.len(), &job.name));
     let reports: Vec<JobReport> = jobs.iter().enumerate().map(bake).collect();
-    summary::print(&reports, args.json, args.report.as_deref())?;
+    let counters = runner.finish();
+    summary::print(&reports, &counters, args.json, args.report.as_deref())?;
     Ok(summary::exit(&reports))
 }
 
@@ -115,12 +119,40 @@ impl<'a> Runner<'a> {
         })
     }
 
+    /// Asks the shared caches that the command line or the environment names whether they can be used. One that never can is a
+    /// mistake, which is better found before an evening of bakes than after it.
+    fn probe(&self, jobs: &[Job]) -> Result<(), UsageError> {
+        if self.args.shared_cache.is_none() && std::env::var_os(SHARED_ENV_VAR).is_none_or(|address| address.is_empty())
+        {
+            return Ok(());
+        }
+        let mut asked = BTreeSet::new();
+        for job in jobs.iter().filter(|job| asked.insert(job.cache.clone())) {
+            match self.cache(job).map_or(Ok(()), |cache| cache.probe()) {
+                Err(error @ StorageError::Misconfigured { .. }) => return Err(UsageError(error.to_string())),
+                Err(error) => console::warning(&error.to_string()),
+                Ok(()) => {}
+            }
+        }
+        Ok(())
+    }
+
+    /// Waits for the uploads. Returns what the tiers have counted.
+    fn finish(&self) -> Counters {
+        let mut counters = Counters::default();
+        for cache in self.caches.borrow().values().flatten() {
+            let (counts, errors) = cache.finish();
+            counters += counts;
+            errors.iter().for_each(|error| console::warning(&error.to_string()));
+        }
+        counters
+    }
+
     fn bake(&self, job: &Job, progress: AssetProgress) -> JobReport {
         let start = Instant::now();
-        let key = Cell::new(None);
         let result = job.settings.as_ref().map_err(ToString::to_string).and_then(|settings| {
             let file = SourceFile::read(&job.input, &job.name, job.cache.project()).map_err(|e| e.to_string())?;
-            let mut outcome = self.find_or_bake(job, &file, settings, &progress, &key).map_err(|e| e.to_string())?;
+            let mut outcome = self.find_or_bake(job, &file, settings, &progress).map_err(|e| e.to_string())?;
             let written = self.write(job, &file, &outcome.result).map_err(|e| e.to_string())?;
             if !job.input.exists() {
                 outcome.result.report.notes.push(GONE.to_owned());
@@ -132,7 +164,6 @@ impl<'a> Runner<'a> {
             Ok((outcome, written, missed)) => JobReport::done(job, outcome, written, missed, start.elapsed()),
             Err(error) => JobReport::failed(job, error, start.elapsed()),
         };
-        let report = report.with_key(key.get());
         progress.finish(&report.line());
         report
     }
@@ -143,13 +174,11 @@ impl<'a> Runner<'a> {
         file: &SourceFile,
         settings: &BakeSettings,
         progress: &AssetProgress,
-        key: &Cell<Option<Key>>,
     ) -> Result<Outcome, Error> {
         let cache = self.cache(job);
         let draw = |model: &Model, levels: &[Level]| png(&model.name, &contact_sheet(model, levels));
         let parts = if self.args.sheet { Parts::Sheet(&draw) } else { Parts::Levels };
         let bake = CachedBake::new(file.source(), settings, parts, cache.as_deref())?;
-        key.set(Some(bake.key()));
         let stage = LastStage::new(progress);
         let context = Context { progress: Some(&stage), memory: Some(self.memory), ..Context::default() };
         let run = || bake.run(&context, &JobHost { runner: self, job, progress });
@@ -167,7 +196,8 @@ impl<'a> Runner<'a> {
             }
         };
         let mut caches = self.caches.borrow_mut();
-        caches.entry(job.cache.clone()).or_insert_with(|| job.cache.open(explicit, warn).map(Rc::new)).clone()
+        let open = || job.cache.open(explicit, warn).map(|cache| Rc::new(cache.with_background_uploads()));
+        caches.entry(job.cache.clone()).or_insert_with(open).clone()
     }
 
     fn in_pool<T: Send>(&self, work: impl FnOnce() -> T + Send) -> T {

@@ -5,9 +5,9 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use serde::Serialize;
-use simpliguard::{Key, LevelReport, Printable, Status};
+use simpliguard::{LevelReport, Printable, Status};
 use simpliguard_bake::Outcome;
-use simpliguard_cache::{Durability, write_atomic};
+use simpliguard_cache::{Counters, Durability, write_atomic};
 
 use crate::Exit;
 use crate::console;
@@ -38,7 +38,7 @@ pub(crate) struct JobReport {
     turntable: Option<String>,
     /// Remarks on the result for the user.
     notes: Vec<String>,
-    /// The key of the result: hexadecimal digits. Null if the model could not be read.
+    /// The key of the result: hexadecimal digits. Null if there is no result.
     key: Option<String>,
     /// Seconds of each stage. Empty if nothing was baked.
     seconds: BTreeMap<String, f64>,
@@ -68,6 +68,8 @@ struct Document<'a> {
     version: u32,
     /// The reason why nothing was baked at all, or null.
     error: Option<String>,
+    /// The counts of the tiers of the cache in this run.
+    cache: &'a Counters,
     assets: &'a [JobReport],
 }
 
@@ -103,7 +105,7 @@ impl JobReport {
             sheet: written.sheet.map(|path| path.display().to_string()),
             turntable: written.turntable.map(|path| path.display().to_string()),
             notes: report.notes,
-            key: None,
+            key: Some(outcome.key.hex()),
             seconds,
             seconds_total: elapsed.as_secs_f64(),
         }
@@ -125,11 +127,6 @@ impl JobReport {
             seconds: BTreeMap::new(),
             seconds_total: elapsed.as_secs_f64(),
         }
-    }
-
-    /// With the key of the result, if it is known.
-    pub(crate) fn with_key(self, key: Option<Key>) -> Self {
-        Self { key: key.map(|key| key.hex()), ..self }
     }
 
     pub(crate) fn succeeded(&self) -> bool {
@@ -189,9 +186,14 @@ pub(crate) fn exit(reports: &[JobReport]) -> Exit {
 
 /// Prints the table. With `json`, the table goes to stderr and the document to stdout. The document also goes to the file
 /// `report`.
-pub(crate) fn print(reports: &[JobReport], json: bool, report: Option<&Path>) -> Result<(), UsageError> {
+pub(crate) fn print(
+    reports: &[JobReport],
+    cache: &Counters,
+    json: bool,
+    report: Option<&Path>,
+) -> Result<(), UsageError> {
     let table = table(reports);
-    let document = json_text(&Document { version: DOCUMENT_VERSION, error: None, assets: reports })?;
+    let document = json_text(&Document { version: DOCUMENT_VERSION, error: None, cache, assets: reports })?;
     if let Some(path) = report {
         write_atomic(path, document.as_bytes(), Durability::Process)
             .map_err(|e| UsageError(format!("--report: cannot write {}: {e}; all results are kept", path.display())))?;
@@ -206,7 +208,8 @@ pub(crate) fn print(reports: &[JobReport], json: bool, report: Option<&Path>) ->
 
 /// Prints the JSON document of a run that was refused before anything was baked.
 pub(crate) fn print_refusal(error: &UsageError) -> Result<(), UsageError> {
-    write_stdout(&json_text(&Document { version: DOCUMENT_VERSION, error: Some(error.to_string()), assets: &[] })?)
+    let (error, cache) = (Some(error.to_string()), &Counters::default());
+    write_stdout(&json_text(&Document { version: DOCUMENT_VERSION, error, cache, assets: &[] })?)
 }
 
 fn table(reports: &[JobReport]) -> String {

@@ -20,7 +20,7 @@ pub(crate) struct FarmArgs {
 
 #[derive(Subcommand, Debug)]
 pub(super) enum FarmCommand {
-    Plan(PlanArgs),
+    Plan(Box<PlanArgs>),
     Run(RunArgs),
     Submit(SubmitArgs),
     Status(StatusArgs),

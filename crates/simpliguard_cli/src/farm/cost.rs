@@ -4,7 +4,7 @@
 //! costs time, never a result.
 
 use serde::Deserialize;
-use simpliguard::settings::BakeSettings;
+use simpliguard::settings::{BakeSettings, Quality};
 use simpliguard::{RelativeUri, Source};
 
 use crate::images::size_of_image;
@@ -53,9 +53,8 @@ fn split(bytes: &[u8]) -> Option<(&[u8], &[u8])> {
     Some((json, rest.get(CHUNK_HEADER..).unwrap_or_default()))
 }
 
-#[derive(Deserialize)]
+#[derive(Default, Deserialize)]
 #[serde(default, rename_all = "camelCase")]
-#[derive(Default)]
 struct Document {
     nodes: Vec<Node>,
     meshes: Vec<Mesh>,
@@ -131,31 +130,78 @@ impl Document {
     }
 }
 
-/// The model of the time: a constant, and seconds for each triangle and texel, by a least squares fit to the bakes in
-/// `docs/farm.md`. The constant holds what the settings decide: views, textures of the levels, refinement.
 impl Cost {
-    const SECONDS: f64 = 6.0;
-    const SECONDS_PER_FACE: f64 = 8e-5;
-    const SECONDS_PER_TEXEL: f64 = 2e-7;
+    /// Seconds of a bake without triangles, and for each triangle: lines through the times of models of 37,000 and 95,000
+    /// triangles in `docs/results.md`. Larger models take less than these lines say.
+    fn line(quality: Quality) -> (f64, f64) {
+        match quality {
+            Quality::Draft => (0.8, 6.0e-5),
+            Quality::Standard => (7.8, 1.28e-4),
+            Quality::Best => (14.6, 1.67e-4),
+        }
+    }
+
+    /// Seconds to decode a texel of a PNG.
+    const SECONDS_PER_TEXEL: f64 = 3e-8;
     /// Seconds to read, check and write a model that is not baked.
     const SECONDS_PASSED: f64 = 0.1;
-    const BYTES: u64 = 1 << 30;
-    const BYTES_PER_FACE: u64 = 4096;
-    const BYTES_PER_TEXEL: u64 = 32;
+    /// Bytes of a bake without triangles and textures, and for each triangle, above those that `docs/results.md` has measured.
+    const BYTES: u64 = 768 << 20;
+    const BYTES_PER_FACE: u64 = 512;
+    /// Bytes of a decoded texel, with those of its conversion.
+    const BYTES_PER_TEXEL: u64 = 16;
 
     /// The cost of a source with settings.
     pub(super) fn of(size: Size, settings: &BakeSettings) -> Self {
         let Size { faces, texels } = size;
         let most = settings.faces.iter().copied().max().unwrap_or(0);
         let passes = !settings.enabled || (settings.targets.is_empty() && faces <= u64::from(most));
+        let (constant, per_face) = Self::line(settings.quality);
+        let baked = constant + per_face * faces as f64;
         let sizes = [faces.saturating_mul(Self::BYTES_PER_FACE), texels.saturating_mul(Self::BYTES_PER_TEXEL)];
         Self {
-            seconds: if passes {
-                Self::SECONDS_PASSED
-            } else {
-                Self::SECONDS + Self::SECONDS_PER_FACE * faces as f64 + Self::SECONDS_PER_TEXEL * texels as f64
-            },
+            seconds: if passes { Self::SECONDS_PASSED } else { baked } + Self::SECONDS_PER_TEXEL * texels as f64,
             memory: sizes.into_iter().fold(Self::BYTES, u64::saturating_add),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use simpliguard::NoResources;
+
+    use super::*;
+
+    fn size(json: &str) -> Size {
+        Size::of(&Source { name: "a.gltf", bytes: json.as_bytes(), resources: &NoResources })
+    }
+
+    #[test]
+    fn triangles_are_counted_for_each_node() {
+        let json = r#"{"nodes": [{"mesh": 0}, {"mesh": 0}, {}, {"mesh": 9}],
+            "meshes": [{"primitives": [{"indices": 1, "attributes": {"POSITION": 0}}, {"attributes": {"POSITION": 0}}]}],
+            "accessors": [{"count": 6}, {"count": 30}], "images": [{"uri": "../secret.png"}, {"bufferView": 7}]}"#;
+        assert_eq!(size(json), Size { faces: 24, texels: 0 });
+    }
+
+    #[test]
+    fn what_cannot_be_read_counts_for_nothing() {
+        for json in ["", "{", "[]", "glTF", r#"{"nodes": [{"mesh": -1}]}"#] {
+            assert_eq!(size(json), Size::default(), "{json}");
+        }
+        let huge = r#"{"nodes": [{"mesh": 0}, {"mesh": 0}], "accessors": [{"count": 18446744073709551615}],
+            "meshes": [{"primitives": [{"indices": 0}, {"indices": 0}]}]}"#;
+        assert_eq!(size(huge).faces, u64::MAX);
+    }
+
+    #[test]
+    fn larger_models_and_better_quality_cost_more() {
+        let cost = |faces, quality| Cost::of(Size { faces, texels: 1 << 20 }, &BakeSettings::preset(quality));
+        let [draft, standard, best] =
+            [Quality::Draft, Quality::Standard, Quality::Best].map(|quality| cost(95_000, quality).seconds);
+        assert!(draft < standard && standard < best && (19.0..22.0).contains(&standard), "{standard}");
+        assert!(cost(10, Quality::Standard).seconds < 0.2, "it is small enough");
+        assert!(cost(1_000_000, Quality::Best).memory > cost(95_000, Quality::Best).memory);
+        assert_eq!(cost(u64::MAX, Quality::Best).memory, u64::MAX);
     }
 }
