@@ -141,14 +141,14 @@ impl Cost {
         }
     }
 
-    /// Seconds to decode a texel of a PNG.
+    /// Seconds to decode a texel of a PNG. It is assumed: no table has it.
     const SECONDS_PER_TEXEL: f64 = 3e-8;
     /// Seconds to read, check and write a model that is not baked.
     const SECONDS_PASSED: f64 = 0.1;
     /// Bytes of a bake without triangles and textures, and for each triangle, above those that `docs/results.md` has measured.
     const BYTES: u64 = 768 << 20;
     const BYTES_PER_FACE: u64 = 512;
-    /// Bytes of a decoded texel, with those of its conversion.
+    /// Bytes of a decoded texel, with those of its conversion. They are assumed.
     const BYTES_PER_TEXEL: u64 = 16;
 
     /// The cost of a source with settings.
