@@ -20,6 +20,8 @@ pub struct CachedBake<'a> {
 /// A result and its origin.
 #[derive(Clone, Debug)]
 pub struct Outcome {
+    /// The key of the result.
+    pub key: Key,
     /// The result, with the parts that were asked for.
     pub result: BakeResult,
     /// True if the cache had the result, perhaps because another program has just made it.
@@ -54,8 +56,9 @@ impl<'a> CachedBake<'a> {
     /// # Errors
     /// Those of the pipeline and of [`Host::begin`]; [`Error::Cancelled`] if the wait or the bake is cancelled.
     pub fn run(&self, context: &Context<'_>, host: &impl Host) -> Result<Outcome, Error> {
+        let outcome = |result, is_cached| Outcome { key: self.key, result, is_cached };
         let Some(cache) = self.cache else {
-            return Ok(Outcome { result: self.bake(context, host)?, is_cached: false });
+            return Ok(outcome(self.bake(context, host)?, false));
         };
         let flight = Flight {
             key: &self.key,
@@ -67,8 +70,8 @@ impl<'a> CachedBake<'a> {
         let take = |entry| BakeResult::from_entry(entry).filter(|result| self.parts.are_in(result));
         let make = || self.bake(context, host).inspect(|result| self.store(cache, result, host));
         match cache.single_flight(&flight, find, take, make)? {
-            SingleFlight::Found(result) => Ok(Outcome { result, is_cached: true }),
-            SingleFlight::Made(result) => Ok(Outcome { result, is_cached: false }),
+            SingleFlight::Found(result) => Ok(outcome(result, true)),
+            SingleFlight::Made(result) => Ok(outcome(result, false)),
             SingleFlight::Cancelled => Err(Error::Cancelled { asset: self.source.name.to_owned() }),
         }
     }

@@ -18,6 +18,8 @@ mod stage_objects;
 pub use cached::{CachedBake, Outcome, look_up};
 pub use host::{Host, Notice};
 pub use memory::default_memory;
-pub use place::{CachePlace, ENV_VAR, OutsideProject, SHARED_ENV_VAR, open_cache};
+pub use place::{
+    CachePlace, ENV_VAR, OutsideProject, SHARED_ENV_VAR, SIGNING_KEY_ENV_VAR, TRUSTED_KEYS_ENV_VAR, open_cache,
+};
 pub use result::{BakeResult, DrawSheet, Parts};
 pub use stage_objects::StageObjects;

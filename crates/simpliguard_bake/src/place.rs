@@ -6,12 +6,20 @@ use std::path::{Component, Path, PathBuf, absolute};
 
 use simpliguard::Printable;
 use simpliguard::settings::{CacheSettings, ProjectFile};
-use simpliguard_cache::{Cache, DEFAULT_MAX_SIZE};
+use simpliguard_cache::{Cache, DEFAULT_MAX_SIZE, PublicKey, SecretKey, Trust, read_bounded};
 
 /// Environment variable with the folder of the cache.
 pub const ENV_VAR: &str = "SIMPLIGUARD_CACHE_DIR";
 /// Environment variable with the folder or address of the shared tier.
 pub const SHARED_ENV_VAR: &str = "SIMPLIGUARD_SHARED_CACHE";
+
+/// Environment variable with the public keys that must have signed the records of the shared tier, with commas between.
+pub const TRUSTED_KEYS_ENV_VAR: &str = "SIMPLIGUARD_TRUSTED_KEYS";
+/// Environment variable with the path of the file of the secret key that signs what this machine stores in the shared tier.
+pub const SIGNING_KEY_ENV_VAR: &str = "SIMPLIGUARD_SIGNING_KEY";
+
+/// Largest size in bytes of the file of a secret key.
+const MOST_KEY_BYTES: u64 = 4096;
 
 /// A project's file names a folder outside of the project, for a warning. Projects come from anywhere, and none may
 /// decide where files are written outside of it.
@@ -44,7 +52,8 @@ pub struct CachePlace<'a> {
 /// The folder of the cache is the first of: the one in `explicit`, [`ENV_VAR`], the project's settings, and
 /// `simpliguard` in the user's cache folder. A folder in the settings that lies outside of `base` is not used, and
 /// `notify` is called. The address of the shared tier is the first of: the one in `explicit`, [`SHARED_ENV_VAR`], and
-/// the project's settings.
+/// the project's settings. Its records are signed and trusted by the keys of [`SIGNING_KEY_ENV_VAR`] and
+/// [`TRUSTED_KEYS_ENV_VAR`]; if these cannot be read, the tier is not used.
 ///
 /// `None` if the platform has no cache folder for users.
 pub fn open_cache(
@@ -65,9 +74,29 @@ pub fn open_cache(
     let cache = cache.with_max_size(settings.max_size.unwrap_or(DEFAULT_MAX_SIZE));
     let variable = std::env::var(SHARED_ENV_VAR).ok();
     Some(match shared_address(explicit.shared, variable, settings, base) {
-        Some((address, base)) => cache.with_shared_tier(&address, base, settings.shared_read_only),
+        Some((address, base)) => cache.with_signed_tier(&address, base, settings.shared_read_only, trust()),
         None => cache,
     })
+}
+
+/// The keys in the environment. A project's file has none: whom a machine trusts is for its owner to say.
+fn trust() -> Result<Trust, String> {
+    let given = |name| std::env::var_os(name).filter(|value| !value.is_empty());
+    let trusted = given(TRUSTED_KEYS_ENV_VAR).map_or(Ok(Vec::new()), |keys| trusted_keys(&keys.to_string_lossy()))?;
+    let signer = given(SIGNING_KEY_ENV_VAR).map(|path| signing_key(Path::new(&path))).transpose()?;
+    Ok(Trust { trusted, signer })
+}
+
+fn trusted_keys(keys: &str) -> Result<Vec<PublicKey>, String> {
+    let parse =
+        |key: &str| PublicKey::parse(key).map_err(|e| format!("{TRUSTED_KEYS_ENV_VAR}: \"{}\": {e}", Printable(key)));
+    keys.split(',').map(str::trim).map(parse).collect()
+}
+
+fn signing_key(path: &Path) -> Result<SecretKey, String> {
+    let failed = |found: String| format!("{SIGNING_KEY_ENV_VAR}: {}: {found}", path.display());
+    let bytes = read_bounded(path, MOST_KEY_BYTES).map_err(|e| failed(format!("cannot read the file: {e}")))?;
+    SecretKey::parse(&String::from_utf8_lossy(&bytes)).map_err(failed)
 }
 
 /// The address of the shared tier, and the folder that it is relative to.
@@ -158,6 +187,21 @@ mod tests {
         assert_eq!(address(None, "env", &settings), Some("env".into()));
         assert_eq!(address(None, "", &settings), Some("project/server".into()));
         assert_eq!(address(None, "", &CacheSettings::default()), None);
+    }
+
+    #[test]
+    fn keys_that_cannot_be_read_are_no_keys() {
+        let dir = tempfile::tempdir().expect("tempdir");
+        let secret = SecretKey::from_bytes(&[1; 32]);
+        let path = dir.path().join("key");
+        fs::write(&path, secret.to_hex() + "\n").expect("writes");
+        let public = signing_key(&path).expect("a key").public();
+        assert_eq!(trusted_keys(&format!("{public}, {public}")), Ok(vec![public.clone(), public]));
+        for wrong in ["x", ",", " "] {
+            assert!(trusted_keys(wrong).is_err_and(|e| e.starts_with("SIMPLIGUARD_TRUSTED_KEYS: ")));
+        }
+        fs::write(&path, "short").expect("writes");
+        assert!(signing_key(&path).is_err_and(|e| e.contains("64 hexadecimal digits") && !e.contains("short")));
     }
 
     #[test]

@@ -10,6 +10,7 @@ use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use serde::{Deserialize, Serialize};
 
+use crate::counters;
 use crate::error::StorageError;
 use crate::file::Durability;
 use crate::folder::State;
@@ -88,7 +89,8 @@ impl Cache {
         self.check()?;
         let inventory = Inventory::of(self);
         let mut result = Ok(inventory.size());
-        let single = [LOCK, ESTIMATE].map(|name| self.folder().join(name)).into_iter();
+        let single =
+            [LOCK, ESTIMATE, counters::LOCK, counters::COUNTERS].map(|name| self.folder().join(name)).into_iter();
         let single = single.filter(|path| self.own().has_file(path).unwrap_or(false));
         for path in inventory.into_paths().chain(single) {
             match Backoff::for_replacing().retry(|| fs::remove_file(&path)) {

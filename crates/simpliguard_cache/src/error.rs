@@ -59,4 +59,29 @@ pub enum StorageError {
         /// The time that was waited.
         time: Duration,
     },
+    /// The shared tier cannot be used as it is configured.
+    #[error("shared cache: {address} cannot be used: {reason}; mend the address or your credentials, or omit it")]
+    Misconfigured {
+        /// The address of the tier.
+        address: String,
+        /// The reason.
+        reason: String,
+    },
+    /// The rights do not suffice to store results in the shared tier.
+    #[error("shared cache: {address} is read, but not written: {reason}; new results stay on this machine")]
+    ReadOnly {
+        /// The address of the tier.
+        address: String,
+        /// The reason.
+        reason: String,
+    },
+    /// A result of the shared tier has no valid signature of a trusted key.
+    #[error(
+        "shared cache: {address} has results without a valid signature of a trusted key; they are not used, and counted \
+         as untrusted"
+    )]
+    Untrusted {
+        /// The address of the tier.
+        address: String,
+    },
 }

@@ -13,6 +13,8 @@
 //! locks/ab/cdef..       empty; locked while the result of a key is made
 //! collecting            empty; locked during a collection
 //! estimate.json         approximate size of the whole cache
+//! counters.json         hits and misses of each tier, of all processes
+//! counting              empty; locked while the counters are changed
 //! ```
 //!
 //! A new or empty folder gets the marker. A `simpliguard-v1` without the marker, or one that is a symbolic link,
@@ -32,37 +34,44 @@
 //!
 //! Results, but no stage objects, are also exchanged with a shared tier: a folder on a file server or, with the feature
 //! `cloud`, object storage. What is fetched is checked by the caller, too. Every request to the tier has a time limit,
-//! and a tier that does not answer in time is not asked again.
+//! and a tier that does not answer in time is not asked again. A record of the tier may have to be signed ([`Trust`]).
 //!
 //! Limits: a cache may be over its limit for some minutes, because young objects are not removed.
 
 #[cfg(feature = "cloud")]
 mod cloud;
 mod collect;
+mod counters;
 mod error;
 mod file;
 mod flight;
 mod folder;
 mod inventory;
+mod locate;
 mod read;
 mod record;
 mod requests;
 mod retry;
 mod shared;
+mod signature;
 mod single_flight;
 mod stage_objects;
 mod store;
 mod tier;
 mod tiers;
+mod uploads;
 mod verify;
 
 pub use collect::Collected;
+pub use counters::{Counters, TierCounters};
 pub use error::StorageError;
 pub use file::{Durability, can_write_in, remove_stale_temporaries, write_atomic, write_atomic_through};
 pub use flight::{Flight, Notice};
 pub use inventory::{Amount, Usage};
+pub use locate::TierName;
 pub use read::read_bounded;
 pub use record::Entry;
+pub use signature::{PublicKey, SecretKey, Trust};
 pub use simpliguard_key::{Key, KeyBuilder};
 pub use single_flight::SingleFlight;
 pub use store::{Cache, DEFAULT_MAX_SIZE, Lookup, Stats};

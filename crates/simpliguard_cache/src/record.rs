@@ -5,6 +5,8 @@ use std::collections::BTreeSet;
 use serde::{Deserialize, Serialize};
 use simpliguard_key::Key;
 
+use crate::signature::Signature;
+
 /// Version of the format of records. A record of another version counts as a miss.
 const VERSION: u32 = 2;
 
@@ -35,8 +37,10 @@ impl Entry {
 #[serde(deny_unknown_fields)]
 pub(crate) struct Record {
     version: u32,
-    key: String,
+    pub(crate) key: String,
     pub(crate) objects: Vec<ObjectRecord>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) signature: Option<Signature>,
 }
 
 #[derive(Clone, Serialize, Deserialize)]
@@ -57,7 +61,12 @@ struct Version {
 
 impl Record {
     pub(crate) fn new(key: &Key, objects: Vec<ObjectRecord>) -> Self {
-        Self { version: VERSION, key: key.hex(), objects }
+        Self { version: VERSION, key: key.hex(), objects, signature: None }
+    }
+
+    /// With a signature, or without one.
+    pub(crate) fn with_signature(self, signature: Option<Signature>) -> Self {
+        Self { signature, ..self }
     }
 
     pub(crate) fn to_json(&self) -> Result<Vec<u8>, serde_json::Error> {

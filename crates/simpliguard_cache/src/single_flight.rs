@@ -9,6 +9,7 @@ use std::path::PathBuf;
 use std::thread;
 use std::time::Duration;
 
+use crate::counters::add;
 use crate::flight::{Flight, Notice};
 use crate::record::Entry;
 use crate::store::Cache;
@@ -45,7 +46,12 @@ impl Cache {
         take: impl FnOnce(Entry) -> Option<T>,
         make: impl FnOnce() -> Result<T, E>,
     ) -> Result<SingleFlight<T>, E> {
-        if let Some(found) = find().or_else(|| take(self.fetch(flight)?)) {
+        if let Some(found) = find() {
+            add(&self.tally().hits, 1);
+            return Ok(SingleFlight::Found(found));
+        }
+        add(&self.tally().misses, 1);
+        if let Some(found) = self.fetch(flight).and_then(take) {
             return Ok(SingleFlight::Found(found));
         }
         let Some(claim) = Claim::wait_for(self, flight) else {
@@ -74,12 +80,21 @@ impl Cache {
         Some(entry)
     }
 
-    /// Copies a result from this cache to the shared tier.
+    /// Copies a result from this cache to the shared tier, in the background if there is a thread for it.
     fn share(&self, flight: &Flight<'_>) {
-        if let Some(shared) = self.shared()
-            && let Ok(Some(entry)) = self.read(flight.key, |_| true)
-            && let Err(error) = shared.put(flight, entry)
-        {
+        let Some(shared) = self.shared().filter(|shared| shared.is_writable()) else { return };
+        let Ok(Some(entry)) = self.read(flight.key, |_| true) else { return };
+        let entry = match self.uploads() {
+            Some(uploads) => {
+                uploads.errors().into_iter().for_each(|error| (flight.notify)(error.into()));
+                match uploads.push(*flight.key, entry) {
+                    Ok(()) => return,
+                    Err(entry) => entry,
+                }
+            }
+            None => entry,
+        };
+        if let Err(error) = shared.put(flight, entry) {
             (flight.notify)(error.into());
         }
     }

@@ -3,11 +3,13 @@
 use std::fs::{self, File};
 use std::io;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 use std::time::{Duration, SystemTime};
 
 use simpliguard_key::{Key, content_hash};
 
+use crate::counters::{Tally, add};
 use crate::error::StorageError;
 use crate::file::{Durability, folder_of, replace};
 use crate::folder::{OwnFolder, QUARANTINE};
@@ -15,6 +17,7 @@ use crate::read::read_bounded;
 use crate::record::{Entry, MOST_RECORD_BYTES, ObjectRecord, Record};
 use crate::retry::Backoff;
 use crate::shared::Shared;
+use crate::uploads::Uploads;
 
 /// The size limit of a cache by default, in bytes.
 pub const DEFAULT_MAX_SIZE: u64 = 10 << 30;
@@ -50,7 +53,9 @@ pub struct Cache {
     root: PathBuf,
     folder: OwnFolder,
     max_size: u64,
-    shared: Option<Shared>,
+    shared: Option<Arc<Shared>>,
+    uploads: Option<Uploads>,
+    tally: Tally,
     /// No file is moved, and no use is recorded.
     read_only: bool,
     hits: AtomicU64,
@@ -67,6 +72,8 @@ impl Cache {
             root,
             max_size: DEFAULT_MAX_SIZE,
             shared: None,
+            uploads: None,
+            tally: Tally::default(),
             read_only: false,
             hits: 0.into(),
             misses: 0.into(),
@@ -91,11 +98,29 @@ impl Cache {
     }
 
     pub(crate) fn with_shared(self, shared: Shared) -> Self {
-        Self { shared: Some(shared), ..self }
+        Self { shared: Some(Arc::new(shared)), ..self }
     }
 
     pub(crate) fn shared(&self) -> Option<&Shared> {
-        self.shared.as_ref()
+        self.shared.as_deref()
+    }
+
+    /// Stores results in the shared tier in the background. The program calls [`Cache::finish`] before it ends; what is made
+    /// after that is stored at once.
+    #[must_use]
+    pub fn with_background_uploads(self) -> Self {
+        let uploads = self.shared.clone().and_then(Uploads::start);
+        Self { uploads, ..self }
+    }
+
+    /// The uploads in the background, if there are any.
+    pub(crate) fn uploads(&self) -> Option<&Uploads> {
+        self.uploads.as_ref()
+    }
+
+    /// The counts of the folder as a tier.
+    pub(crate) fn tally(&self) -> &Tally {
+        &self.tally
     }
 
     /// The size limit in bytes.
@@ -173,6 +198,7 @@ impl Cache {
         let json = json.map_err(|e| StorageError::Io { action: "write", path: path.clone(), source: e.into() })?;
         self.write(&path, &json, Durability::PowerLoss)?;
         self.has_grown(grown + json.len() as u64);
+        add(&self.tally.stored, 1);
         Ok(())
     }
 
@@ -234,6 +260,7 @@ impl Cache {
     /// Moves a damaged file to quarantine, and returns the error that describes the damage.
     pub(crate) fn quarantine(&self, path: PathBuf, reason: &str) -> StorageError {
         let nth = self.quarantined.fetch_add(1, Relaxed);
+        add(&self.tally.damaged, 1);
         let name = path.file_name().unwrap_or_default().to_string_lossy();
         let target = self.folder().join(QUARANTINE).join(format!("{name}.{}.{nth}", std::process::id()));
         let moved = !self.read_only
@@ -278,7 +305,7 @@ impl Cache {
     }
 
     /// Tells whether a path is a file of the cache with this size.
-    fn has(&self, path: &Path, size: u64) -> bool {
+    pub(crate) fn has(&self, path: &Path, size: u64) -> bool {
         self.owns(path).unwrap_or(false) && fs::symlink_metadata(path).is_ok_and(|there| there.len() == size)
     }
 

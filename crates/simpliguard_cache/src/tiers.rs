@@ -1,6 +1,7 @@
 //! The shared tiers that there are: folders and, with the feature `cloud`, object storage.
 
 use std::borrow::Cow;
+use std::fs;
 use std::io::{self, Read, Seek, SeekFrom};
 use std::ops::Range;
 use std::path::{Path, PathBuf};
@@ -11,22 +12,36 @@ use percent_encoding::percent_decode_str;
 use simpliguard_key::Key;
 
 use crate::error::StorageError;
-use crate::file::Durability;
+use crate::file::{Durability, can_write_in};
 use crate::read::open_regular;
 use crate::shared::Shared;
+use crate::signature::Trust;
 use crate::store::{Cache, USE_NOTED_AFTER};
-use crate::tier::{Damaged, Tier};
+use crate::tier::{Damaged, Fault, There, Tier};
 
 impl Cache {
     /// Adds a shared tier. `address` is a folder, relative to `base`, or a URL such as `s3://bucket/folder`. With
     /// `read_only`, nothing is stored there. An address that cannot be used is reported at the first use of the tier.
     #[must_use]
     pub fn with_shared_tier(self, address: &str, base: &Path, read_only: bool) -> Self {
-        let tier: Result<Arc<dyn Tier>, String> = match folder(address, base, cfg!(windows)) {
-            Some(folder) => Ok(Arc::new(Self::unlimited(folder, read_only))),
-            None => open_cloud(address),
+        self.with_signed_tier(address, base, read_only, Ok(Trust::default()))
+    }
+
+    /// Like [`Self::with_shared_tier`], with the keys that sign and vouch for its records. If `trust` is the reason why the keys
+    /// cannot be used, the tier is not used either.
+    #[must_use]
+    pub fn with_signed_tier(self, address: &str, base: &Path, read_only: bool, trust: Result<Trust, String>) -> Self {
+        let open = || -> Result<Arc<dyn Tier>, String> {
+            match folder(address, base, cfg!(windows)) {
+                Some(folder) => Ok(Arc::new(Self::unlimited(folder, read_only))),
+                None => open_cloud(address),
+            }
         };
-        self.with_shared(Shared::new(address, tier, read_only))
+        let (tier, trust) = match trust {
+            Ok(trust) => (open(), trust),
+            Err(reason) => (Err(reason), Trust::default()),
+        };
+        self.with_shared(Shared::new(address, tier, read_only, trust))
     }
 }
 
@@ -63,22 +78,26 @@ fn open_cloud(_: &str) -> Result<Arc<dyn Tier>, String> {
     Err("this build knows folders only; build it with the feature `cloud`".into())
 }
 
-/// A folder on a file server, with the layout of any cache.
+/// A folder on a file server, with the layout of any cache. What is in the way is compared with what is stored, so it needs no
+/// telling apart.
 impl Tier for Cache {
-    fn record(&self, key: &Key, most: u64) -> Result<Option<Vec<u8>>, String> {
-        // The folder of an unmounted server is missing. It must not look like an empty cache.
-        if !self.root().is_dir() {
-            return Err("there is no such folder".into());
-        }
+    fn probe(&self, write: bool) -> Result<(), Fault> {
+        self.check_mounted()?;
+        let failed = |source| StorageError::Io { action: "write", path: self.root().to_owned(), source };
+        if write { can_write_in(self.root()).map_err(|e| failed(e).into()) } else { Ok(()) }
+    }
+
+    fn record(&self, key: &Key, most: u64) -> Result<Option<Vec<u8>>, Fault> {
+        self.check_mounted()?;
         let path = self.path("results", key.as_bytes());
-        let json = self.read_file(&path, most).map_err(|e| e.to_string())?;
+        let json = self.read_file(&path, most)?;
         if json.is_some() && !self.is_read_only() {
             self.note_use(&path, USE_NOTED_AFTER);
         }
         Ok(json)
     }
 
-    fn part(&self, object: &Hash, bytes: Range<u64>) -> Result<Option<Vec<u8>>, String> {
+    fn part(&self, object: &Hash, bytes: Range<u64>) -> Result<Option<Vec<u8>>, Fault> {
         let path = self.path("objects", object.as_bytes());
         let part = || {
             let mut file = open_regular(&path)?;
@@ -88,18 +107,28 @@ impl Tier for Cache {
         };
         match self.owns(&path).and_then(|is_there| is_there.then(part).transpose()) {
             Err(source) if source.kind() != io::ErrorKind::NotFound => {
-                Err(StorageError::Io { action: "read", path, source }.to_string())
+                Err(StorageError::Io { action: "read", path, source }.into())
             }
             part => Ok(part.unwrap_or(None)),
         }
     }
 
-    fn put_object(&self, object: &Hash, bytes: &[u8]) -> Result<(), String> {
-        self.write_object(object, bytes).map(drop).map_err(|e| e.to_string())
+    fn has_object(&self, object: &Hash, size: u64) -> Result<bool, Fault> {
+        Ok(self.has(&self.path("objects", object.as_bytes()), size))
     }
 
-    fn put_record(&self, key: &Key, json: &[u8]) -> Result<(), String> {
-        self.write(&self.path("results", key.as_bytes()), json, Durability::PowerLoss).map_err(|e| e.to_string())
+    fn put_object(&self, object: &Hash, bytes: &[u8], _: There) -> Result<(), Fault> {
+        self.check_mounted()?;
+        Ok(self.write_object(object, bytes).map(drop)?)
+    }
+
+    fn put_record(&self, key: &Key, json: &[u8], there: There) -> Result<(), Fault> {
+        self.check_mounted()?;
+        let path = self.path("results", key.as_bytes());
+        if there == There::Equal && self.read_file(&path, json.len() as u64).is_ok_and(|j| j.as_deref() == Some(json)) {
+            return Ok(());
+        }
+        Ok(self.write(&path, json, Durability::PowerLoss)?)
     }
 
     fn set_aside(&self, damaged: Damaged, reason: &str) -> String {
@@ -108,6 +137,17 @@ impl Tier for Cache {
             Damaged::Object(hash) => self.path("objects", hash.as_bytes()),
         };
         self.quarantine(path, reason).to_string()
+    }
+}
+
+impl Cache {
+    /// Checks that the folder itself is there. That of an unmounted server is missing, and must not look like an empty cache.
+    fn check_mounted(&self) -> Result<(), Fault> {
+        match fs::metadata(self.root()) {
+            Ok(data) if data.is_dir() => Ok(()),
+            Ok(_) => Err(Fault::NoPlace("it is no folder".into())),
+            Err(_) => Err(Fault::Failed("there is no such folder".into())),
+        }
     }
 }
 

@@ -9,6 +9,7 @@ use clap::{Parser, Subcommand};
 use simpliguard::settings::{BakeOverrides, Layer, Origin, parse_cache_size, parse_overrides};
 
 use crate::error::UsageError;
+use crate::farm::FarmArgs;
 use crate::source::{read_text, shown};
 
 /// Textured, skinned levels of detail for glTF models.
@@ -27,6 +28,7 @@ pub(crate) enum Command {
     Inspect(InspectArgs),
     Compare(CompareArgs),
     Report(ReportArgs),
+    Farm(FarmArgs),
 }
 
 /// Bake levels of detail into models.
@@ -55,14 +57,23 @@ pub(crate) struct BakeArgs {
     /// Print one JSON document to stdout; everything else goes to stderr.
     #[arg(long)]
     pub(crate) json: bool,
+    /// Also write the JSON document to a file.
+    #[arg(long, value_name = "FILE")]
+    pub(crate) report: Option<PathBuf>,
 }
 
 /// Models, their settings, and what their bakes may take.
 #[derive(clap::Args, Debug)]
 pub(crate) struct ModelArgs {
     /// .glb and .gltf files, folders, or patterns such as `models/*.glb`. Folders are searched for both, except hidden folders and the folder of the results.
-    #[arg(required = true, value_name = "INPUT")]
+    #[arg(required_unless_present = "files_from", value_name = "INPUT")]
     pub(crate) inputs: Vec<PathBuf>,
+    /// A text file with more inputs: the path of one model a line. Their paths are kept below the output folder.
+    #[arg(long, value_name = "FILE")]
+    pub(crate) files_from: Option<PathBuf>,
+    /// Folder that the paths in `--files-from` are relative to; else the current folder.
+    #[arg(long, value_name = "DIR", requires = "files_from")]
+    pub(crate) root: Option<PathBuf>,
     #[command(flatten)]
     pub(crate) settings: SettingsSources,
     /// Number of threads; all cores if not given. The results are the same for any number.
@@ -143,9 +154,9 @@ pub(crate) struct CacheArgs {
     pub(crate) json: bool,
 }
 
-#[derive(Subcommand, Clone, Copy, Debug)]
+#[derive(Subcommand, Clone, Debug)]
 pub(crate) enum CacheCommand {
-    /// Print the content of the cache.
+    /// Print the content of the cache, and the hits and misses of each tier.
     Stats,
     /// Remove files that nobody can use; if the cache is too large, also the least recently used files.
     Gc {
@@ -154,7 +165,20 @@ pub(crate) enum CacheCommand {
         max_size: Option<u64>,
     },
     /// Read and hash all files, and move damaged files to quarantine.
-    Verify,
+    Verify {
+        /// Also bake a sample of ASSETs again, such as `1%` of those in the cache, and compare the results byte by byte.
+        #[arg(long, value_name = "PERCENT", value_parser = parse_percent, requires = "assets")]
+        rebake: Option<f64>,
+        /// Models as for `bake`. They are looked up with the settings of their projects.
+        #[arg(value_name = "ASSET", requires = "rebake")]
+        assets: Vec<PathBuf>,
+    },
+    /// Write a new secret key to a file, and print its public key. Machines with $SIMPLIGUARD_SIGNING_KEY sign what they store
+    /// in the shared cache; those with $SIMPLIGUARD_TRUSTED_KEYS use only what a trusted key has signed.
+    Keygen {
+        /// A new file for the secret key.
+        file: PathBuf,
+    },
     /// Remove all files of the cache.
     Clear,
 }
@@ -221,8 +245,15 @@ pub(crate) struct CompareArgs {
     pub(crate) json: bool,
 }
 
+/// A fraction from a text such as `1%`.
+fn parse_percent(text: &str) -> Result<f64, String> {
+    let percent = text.strip_suffix('%').and_then(|number| number.trim().parse::<f64>().ok());
+    let valid = percent.filter(|percent| *percent > 0.0 && *percent <= 100.0);
+    valid.map(|percent| percent / 100.0).ok_or_else(|| "expected a percentage above 0% and up to 100%".to_owned())
+}
+
 /// Origins of settings. Later ones win: project defaults, matching rules, profile, `.meta`, settings file, flags.
-#[derive(clap::Args, Debug)]
+#[derive(clap::Args, Clone, Debug, Default)]
 pub(crate) struct SettingsSources {
     /// The project, whose `config/simpliguard.ron` applies; else the nearest folder above the input with such a file.
     #[arg(long, value_name = "DIR")]

@@ -40,9 +40,11 @@ pub(crate) fn run(args: &BakeArgs) -> Result<Exit, UsageError> {
 fn bake_all(args: &BakeArgs) -> Result<Exit, UsageError> {
     let jobs = plan(args)?;
     let writer = Writer::new(args)?;
+    writer.runner.probe(&jobs)?;
     let bake = |(number, job)| writer.bake(job, AssetProgress::new(number + 1, jobs.len(), &job.name));
     let reports: Vec<JobReport> = jobs.iter().enumerate().map(bake).collect();
-    summary::print(&reports, args.json)?;
+    let counters = writer.runner.finish();
+    summary::print(&reports, &counters, args.json, args.report.as_deref())?;
     Ok(summary::exit(&reports))
 }
 

@@ -1,10 +1,14 @@
-//! `simpliguard cache`: the content of the cache, and its removal.
+//! `simpliguard cache`: the content of the cache, its checks and its removal, and keys for a shared one.
+
+mod keygen;
+mod rebake;
 
 use bytesize::ByteSize;
 use serde::Serialize;
 use simpliguard_bake::CachePlace;
-use simpliguard_cache::{Amount, Cache, Collected, Usage};
+use simpliguard_cache::{Amount, Cache, Collected, Counters, TierCounters, Usage};
 
+use self::rebake::{Rebaked, rebake};
 use crate::Exit;
 use crate::args::{CacheArgs, CacheCommand};
 use crate::console;
@@ -23,6 +27,12 @@ struct Document<'a> {
     max_size: u64,
     #[serde(flatten)]
     outcome: &'a Outcome,
+    /// The counts of all runs so far, of `stats`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    tiers: Option<Counters>,
+    /// Of `verify --rebake`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    rebaked: Option<&'a Rebaked>,
 }
 
 /// The outcome of a command.
@@ -38,26 +48,38 @@ enum Outcome {
 
 /// Carries the command out.
 pub(crate) fn run(args: &CacheArgs) -> Result<Exit, UsageError> {
+    if let CacheCommand::Keygen { file } = &args.command {
+        return write_stdout(&format!("{}\n", keygen::write(file)?)).map(|()| Exit::Done);
+    }
     let project = ProjectCache::of(args.project.as_deref())?;
     let explicit = CachePlace { dir: args.cache_dir.as_deref(), shared: None };
     let cache = project.open(explicit, |outside| console::warning(&outside.to_string()));
     let cache = cache.ok_or_else(|| UsageError("there is no user's cache folder; give --cache-dir".into()))?;
     // The other commands report a foreign folder as an error.
-    if let (CacheCommand::Stats | CacheCommand::Verify, Err(error)) = (args.command, cache.check()) {
+    if let (CacheCommand::Stats | CacheCommand::Verify { .. }, Err(error)) = (&args.command, cache.check()) {
         console::warning(&error.to_string());
     }
-    let outcome = carry_out(args.command, &cache);
-    outcome.errors().for_each(console::error);
+    let outcome = carry_out(&args.command, &cache);
+    let rebaked = match &args.command {
+        CacheCommand::Verify { rebake: Some(fraction), assets } => Some(rebake(assets, args, *fraction)?),
+        _ => None,
+    };
+    let errors: Vec<&str> = outcome.errors().chain(rebaked.iter().flat_map(Rebaked::errors)).collect();
+    errors.iter().for_each(|error| console::error(error));
+    let tiers = matches!(args.command, CacheCommand::Stats).then(|| cache.counters());
+    let rebaked = rebaked.as_ref();
     if args.json {
         let (folder, max_size) = (cache.root().display().to_string(), cache.max_size());
-        write_stdout(&json_text(&Document { version: DOCUMENT_VERSION, folder, max_size, outcome: &outcome })?)?;
+        let document = Document { version: DOCUMENT_VERSION, folder, max_size, outcome: &outcome, tiers, rebaked };
+        write_stdout(&json_text(&document)?)?;
     } else {
-        write_stdout(&outcome.text(&cache))?;
+        let tiers = tiers.as_ref().map(tiers_text).unwrap_or_default();
+        write_stdout(&(outcome.text(&cache) + &tiers + &rebaked.map(Rebaked::text).unwrap_or_default()))?;
     }
-    Ok(if outcome.errors().next().is_none() { Exit::Done } else { Exit::SomeFailed })
+    Ok(if errors.is_empty() { Exit::Done } else { Exit::SomeFailed })
 }
 
-fn carry_out(command: CacheCommand, cache: &Cache) -> Outcome {
+fn carry_out(command: &CacheCommand, cache: &Cache) -> Outcome {
     match command {
         CacheCommand::Stats => Outcome::Usage(cache.usage()),
         CacheCommand::Gc { max_size } => match cache.collect(max_size.unwrap_or(cache.max_size())) {
@@ -65,7 +87,7 @@ fn carry_out(command: CacheCommand, cache: &Cache) -> Outcome {
             Ok(None) => Outcome::Failed("another collection is under way; try again when it has ended".into()),
             Err(error) => Outcome::Failed(error.to_string()),
         },
-        CacheCommand::Verify => {
+        CacheCommand::Verify { .. } => {
             let verified = cache.verify();
             let damaged = verified.errors.iter().map(ToString::to_string).collect();
             Outcome::Verified { checked: verified.checked, damaged, incomplete: verified.incomplete }
@@ -74,6 +96,7 @@ fn carry_out(command: CacheCommand, cache: &Cache) -> Outcome {
             Ok(freed) => Outcome::Cleared { freed },
             Err(error) => Outcome::Failed(error.to_string()),
         },
+        CacheCommand::Keygen { .. } => Outcome::Failed("a key needs no cache".into()),
     }
 }
 
@@ -115,6 +138,23 @@ fn usage_text(usage: &Usage, cache: &Cache) -> String {
         ("quarantine", amount(quarantine)),
     ];
     lines.iter().map(|(name, value)| format!("{name:<11} {value}\n")).collect()
+}
+
+/// A line for each tier that was used.
+fn tiers_text(counters: &Counters) -> String {
+    let line = |(name, tier): (&str, &TierCounters)| {
+        let TierCounters { hits, misses, stored, damaged, untrusted, failures, requests, bytes_read, bytes_written } =
+            tier;
+        let mut text = format!("{name:<11} {hits} hits, {misses} misses, {stored} stored, {damaged} damaged");
+        if name == "shared" {
+            let (read, written) = (ByteSize(*bytes_read), ByteSize(*bytes_written));
+            text += &format!(
+                ", {untrusted} untrusted, {failures} failures; {requests} requests, {read} read, {written} written"
+            );
+        }
+        text + "\n"
+    };
+    [("local", &counters.local), ("shared", &counters.shared)].into_iter().map(line).collect()
 }
 
 fn amount(amount: &Amount) -> String {

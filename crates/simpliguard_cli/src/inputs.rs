@@ -1,6 +1,6 @@
 //! Inputs: the models that the paths on the command line stand for.
 
-use std::path::{Path, PathBuf};
+use std::path::{Component, Path, PathBuf};
 
 use walkdir::{DirEntry, WalkDir};
 
@@ -9,7 +9,7 @@ use crate::console;
 use crate::error::UsageError;
 use crate::pattern::Pattern;
 use crate::project::nearest_project;
-use crate::source::is_gltf;
+use crate::source::{is_gltf, read_text};
 
 /// A model, and the place of its result.
 #[derive(Clone, Debug, PartialEq)]
@@ -36,6 +36,19 @@ pub(crate) fn find(inputs: &[PathBuf], output: &Path, project: Option<&Path>) ->
         }
     }
     Ok(found)
+}
+
+/// The models of a text file with one path a line, relative to `root`. Empty lines count for nothing.
+pub(crate) fn listed(list: &Path, root: &Path) -> Result<Vec<Input>, UsageError> {
+    let text = read_text(list)
+        .map_err(|e| UsageError(format!("--files-from: cannot read {}: {e}; check the path", list.display())))?;
+    let input = |line: &str| {
+        let path = Path::new(line);
+        let stays = path.components().all(|part| matches!(part, Component::Normal(_)));
+        let below = if stays { path } else { path.file_name().map_or(path, Path::new) };
+        Input { path: root.join(path), below: below.with_extension("") }
+    };
+    Ok(text.lines().filter(|line| !line.is_empty()).map(input).collect())
 }
 
 /// The paths that an argument stands for.
@@ -155,6 +168,17 @@ mod tests {
         assert_eq!(below(&folder, "lods"), ["a", "b"]);
         let wider = find(std::slice::from_ref(&folder), Path::new("lods"), Some(dir.path())).expect("found");
         assert_eq!(wider.len(), 5);
+    }
+
+    #[test]
+    fn a_list_keeps_the_paths_below_its_root() {
+        let dir = tree(&["list.txt"]);
+        fs::write(dir.path().join("list.txt"), "in/a.glb\r\n\nb b.gltf\n../c.glb\n").expect("writes");
+        let found = listed(&dir.path().join("list.txt"), Path::new("assets")).expect("read");
+        let shown: Vec<_> = found.iter().map(|i| (i.path.to_str(), i.below.to_str())).collect();
+        let expected = [("assets/in/a.glb", "in/a"), ("assets/b b.gltf", "b b"), ("assets/../c.glb", "c")];
+        assert_eq!(shown, expected.map(|(path, below)| (Some(path), Some(below))));
+        assert!(listed(&dir.path().join("none"), Path::new("")).is_err());
     }
 
     #[test]

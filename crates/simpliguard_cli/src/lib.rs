@@ -2,7 +2,7 @@
 //!
 //! Exit codes of `bake`: 0 all baked, 1 some failed (the others are written), 2 wrong usage (nothing was baked), 3 a level
 //! misses a bar of the gate (all are written), 130 interrupted. Exit codes of `cache`: 0 done, 1 something is damaged or
-//! could not be done, 2 wrong usage.
+//! could not be done, 2 wrong usage. Exit codes of `farm`: 0 done, 1 some models failed or are not baked, 2 wrong usage.
 //!
 //! It is a library, so that other programs of the workspace can run the command without starting a process.
 
@@ -14,7 +14,9 @@ mod compare;
 mod console;
 mod deadline;
 mod error;
+mod farm;
 mod gate;
+mod images;
 mod inputs;
 mod inspect;
 mod interrupt;
@@ -45,6 +47,7 @@ pub fn run<T: Into<OsString> + Clone>(args: impl IntoIterator<Item = T>) -> Exit
         Command::Inspect(args) => inspect::run(&args).map(|()| Exit::Done),
         Command::Compare(args) => compare::run(&args).map(|()| Exit::Done),
         Command::Report(args) => report::run(&args),
+        Command::Farm(args) => farm::run(&args),
     };
     let exit = done.unwrap_or_else(|error| {
         console::error(&error.to_string());

@@ -90,7 +90,10 @@ pub(crate) fn plan(args: &BakeArgs) -> Result<Vec<Job>, UsageError> {
 pub(crate) fn jobs(models: &ModelArgs, output: &Path) -> Result<Vec<Job>, UsageError> {
     let mut lookup = SettingsLookup::new(&models.settings)?;
     let mut jobs = Vec::new();
-    let inputs = inputs::find(&models.inputs, output, lookup.fixed_project())?;
+    let mut inputs = inputs::find(&models.inputs, output, lookup.fixed_project())?;
+    if let Some(list) = &models.files_from {
+        inputs.extend(inputs::listed(list, models.root.as_deref().unwrap_or(Path::new("")))?);
+    }
     for input in without_repetition(inputs) {
         let settings = lookup.of(&input.path)?;
         jobs.push(Job {
@@ -105,7 +108,7 @@ pub(crate) fn jobs(models: &ModelArgs, output: &Path) -> Result<Vec<Job>, UsageE
 }
 
 /// Removes repetitions: a model may be given itself and through its folder.
-fn without_repetition(inputs: Vec<Input>) -> Vec<Input> {
+pub(crate) fn without_repetition(inputs: Vec<Input>) -> Vec<Input> {
     let mut seen = BTreeSet::new();
     let identity = |input: &Input| (same_file(&input.path), input.below.clone());
     inputs.into_iter().filter(|input| seen.insert(identity(input))).collect()

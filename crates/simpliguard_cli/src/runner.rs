@@ -9,8 +9,10 @@ use std::rc::Rc;
 use rayon::{ThreadPool, ThreadPoolBuilder};
 use simpliguard::settings::BakeSettings;
 use simpliguard::{Context, Error};
-use simpliguard_bake::{CachePlace, CachedBake, Host, Notice, Outcome, OutsideProject, Parts, default_memory};
-use simpliguard_cache::Cache;
+use simpliguard_bake::{
+    CachePlace, CachedBake, Host, Notice, Outcome, OutsideProject, Parts, SHARED_ENV_VAR, default_memory,
+};
+use simpliguard_cache::{Cache, Counters, StorageError};
 
 use crate::args::ModelArgs;
 use crate::console::{self, AssetProgress};
@@ -90,6 +92,36 @@ impl<'a> Runner<'a> {
         })
     }
 
+    /// Asks the shared caches that the command line or the environment names whether they can be used. One that never can is a
+    /// mistake, which is better found before an evening of bakes than after it.
+    pub(crate) fn probe(&self, jobs: &[Job]) -> Result<(), UsageError> {
+        if self.models.shared_cache.is_none()
+            && std::env::var_os(SHARED_ENV_VAR).is_none_or(|address| address.is_empty())
+        {
+            return Ok(());
+        }
+        let mut asked = BTreeSet::new();
+        for job in jobs.iter().filter(|job| asked.insert(job.cache.clone())) {
+            match self.cache(job).map_or(Ok(()), |cache| cache.probe()) {
+                Err(error @ StorageError::Misconfigured { .. }) => return Err(UsageError(error.to_string())),
+                Err(error) => console::warning(&error.to_string()),
+                Ok(()) => {}
+            }
+        }
+        Ok(())
+    }
+
+    /// Waits for the uploads. Returns what the tiers have counted.
+    pub(crate) fn finish(&self) -> Counters {
+        let mut counters = Counters::default();
+        for cache in self.caches.borrow().values().flatten() {
+            let (counts, errors) = cache.finish();
+            counters += counts;
+            errors.iter().for_each(|error| console::warning(&error.to_string()));
+        }
+        counters
+    }
+
     /// The result of a model: from the cache, or baked and stored.
     ///
     /// # Errors
@@ -116,7 +148,8 @@ impl<'a> Runner<'a> {
             }
         };
         let mut caches = self.caches.borrow_mut();
-        caches.entry(job.cache.clone()).or_insert_with(|| job.cache.open(explicit, warn).map(Rc::new)).clone()
+        let open = || job.cache.open(explicit, warn).map(|cache| Rc::new(cache.with_background_uploads()));
+        caches.entry(job.cache.clone()).or_insert_with(open).clone()
     }
 
     /// Runs work on the threads of this run.

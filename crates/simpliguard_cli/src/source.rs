@@ -42,6 +42,13 @@ impl SourceFile {
         Ok(Self { name: name.to_owned(), bytes, folder })
     }
 
+    /// The files beside the model that were read so far, by their paths in its folder.
+    pub(crate) fn files_beside(&self) -> Vec<PathBuf> {
+        let seen = self.folder.seen.lock().unwrap_or_else(PoisonError::into_inner);
+        let read = seen.iter().filter(|(_, read)| read.is_ok());
+        read.map(|(uri, _)| self.folder.path.join(uri.as_str())).collect()
+    }
+
     /// The input of a bake. Each file is read once, so the bytes of the key are the bytes that are baked.
     pub(crate) fn source(&self) -> Source<'_> {
         Source { name: &self.name, bytes: &self.bytes, resources: &self.folder }

@@ -1,12 +1,13 @@
 //! The report of a run: one line and one row of a table for each model, or JSON.
 
 use std::collections::BTreeMap;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use serde::Serialize;
 use simpliguard::{LevelReport, Printable, Status};
 use simpliguard_bake::Outcome;
+use simpliguard_cache::{Counters, Durability, write_atomic};
 
 use crate::Exit;
 use crate::console;
@@ -37,6 +38,8 @@ pub(crate) struct JobReport {
     turntable: Option<String>,
     /// Remarks on the result for the user.
     notes: Vec<String>,
+    /// The key of the result: hexadecimal digits. Null if there is no result.
+    key: Option<String>,
     /// Seconds of each stage. Empty if nothing was baked.
     seconds: BTreeMap<String, f64>,
     /// Seconds from reading the file to having written all results.
@@ -65,6 +68,8 @@ struct Document<'a> {
     version: u32,
     /// The reason why nothing was baked at all, or null.
     error: Option<String>,
+    /// The counts of the tiers of the cache in this run.
+    cache: &'a Counters,
     assets: &'a [JobReport],
 }
 
@@ -100,6 +105,7 @@ impl JobReport {
             sheet: written.sheet.map(|path| path.display().to_string()),
             turntable: written.turntable.map(|path| path.display().to_string()),
             notes: report.notes,
+            key: Some(outcome.key.hex()),
             seconds,
             seconds_total: elapsed.as_secs_f64(),
         }
@@ -117,6 +123,7 @@ impl JobReport {
             sheet: None,
             turntable: None,
             notes: Vec::new(),
+            key: None,
             seconds: BTreeMap::new(),
             seconds_total: elapsed.as_secs_f64(),
         }
@@ -177,21 +184,32 @@ pub(crate) fn exit(reports: &[JobReport]) -> Exit {
     }
 }
 
-/// Prints the table. With `json`, the table goes to stderr and the document to stdout.
-pub(crate) fn print(reports: &[JobReport], json: bool) -> Result<(), UsageError> {
+/// Prints the table. With `json`, the table goes to stderr and the document to stdout. The document also goes to the file
+/// `report`.
+pub(crate) fn print(
+    reports: &[JobReport],
+    cache: &Counters,
+    json: bool,
+    report: Option<&Path>,
+) -> Result<(), UsageError> {
     let table = table(reports);
-    let text = if json {
+    let document = json_text(&Document { version: DOCUMENT_VERSION, error: None, cache, assets: reports })?;
+    if let Some(path) = report {
+        write_atomic(path, document.as_bytes(), Durability::Process)
+            .map_err(|e| UsageError(format!("--report: cannot write {}: {e}; all results are kept", path.display())))?;
+    }
+    if json {
         console::line(table.trim_end());
-        json_text(&Document { version: DOCUMENT_VERSION, error: None, assets: reports })?
+        write_stdout(&document)
     } else {
-        table
-    };
-    write_stdout(&text)
+        write_stdout(&table)
+    }
 }
 
 /// Prints the JSON document of a run that was refused before anything was baked.
 pub(crate) fn print_refusal(error: &UsageError) -> Result<(), UsageError> {
-    write_stdout(&json_text(&Document { version: DOCUMENT_VERSION, error: Some(error.to_string()), assets: &[] })?)
+    let (error, cache) = (Some(error.to_string()), &Counters::default());
+    write_stdout(&json_text(&Document { version: DOCUMENT_VERSION, error, cache, assets: &[] })?)
 }
 
 fn table(reports: &[JobReport]) -> String {

@@ -1,11 +1,11 @@
 //! Sizes of what a glTF refers to.
 
 use std::collections::BTreeSet;
-use std::io::Cursor;
 
-use image::ImageReader;
 use serde_json::Value;
 use simpliguard::data::Model;
+
+use crate::images::size_of_image;
 
 /// The JSON of a glTF and the bytes of its images.
 pub(crate) struct Document<'a> {
@@ -118,13 +118,6 @@ fn find_textures(value: &Value, found: &mut BTreeSet<usize>) {
         }
         find_textures(value, found);
     }
-}
-
-/// Reads the header of an image.
-fn size_of_image(bytes: &[u8]) -> Option<[u32; 2]> {
-    let reader = ImageReader::new(Cursor::new(bytes)).with_guessed_format().ok()?;
-    let (width, height) = reader.into_dimensions().ok()?;
-    Some([width, height])
 }
 
 #[cfg(test)]

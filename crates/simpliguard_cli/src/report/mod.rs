@@ -31,6 +31,7 @@ const BASE64_GROUP: u64 = 4;
 pub(crate) fn run(args: &ReportArgs) -> Result<Exit, UsageError> {
     let jobs = jobs(&args.models, args.out.as_path())?;
     let runner = Runner::new(&args.models)?;
+    runner.probe(&jobs)?;
     // Bakes take too long to find out afterwards.
     can_create(&args.out).map_err(|e| unwritable(args, &e))?;
     let mut budget =
@@ -44,6 +45,7 @@ pub(crate) fn run(args: &ReportArgs) -> Result<Exit, UsageError> {
         let result = report_on(args, &runner, job, progress, &mut budget);
         assets.push(Asset { name: job.name.clone(), label, result });
     }
+    runner.finish();
     let all_done = assets.iter().all(|asset| asset.result.is_ok());
     let html = Page { assets: &assets, views: args.views.get() }.html();
     write(args, &runner, &html)?;

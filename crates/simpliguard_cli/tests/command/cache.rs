@@ -175,3 +175,57 @@ fn a_project_that_is_its_own_cache_folder_keeps_its_files() {
     }
     assert!(kept.iter().all(|path| path.exists()) && !folder.path("game/simpliguard-v1").exists());
 }
+
+#[test]
+fn a_sample_is_baked_again_and_compared() {
+    // Settings on the command line are not those of the project, so the project has them.
+    let quick = "texture_size: 64, views: 8, view_size: 128, candidates: Source, quality: Draft, faces: [100]";
+    let folder = Folder::new().with("assets/a.glb", sphere(12)).with("assets/b.glb", sphere(14));
+    let folder = folder.with("config/simpliguard.ron", format!("(defaults: ({quick}))"));
+    assert_eq!(folder.bake(&["assets"]).code, 0);
+    let verify = |percent| folder.run(&["cache", "verify", "--rebake", percent, "assets", "--json"]);
+    let run = verify("1%");
+    assert_eq!(run.code, 0, "{}", run.stderr);
+    assert_eq!([&run.json()["rebaked"]["found"], &run.json()["rebaked"]["rebaked"]], [&2, &1]);
+    assert_eq!(verify("100%").json()["rebaked"]["rebaked"], 2);
+    for wrong in ["0%", "1", "101%"] {
+        assert_eq!(verify(wrong).code, 2, "{wrong}");
+    }
+}
+
+#[test]
+fn counts_of_all_runs_are_printed() {
+    let folder = baked().with("server/readme.txt", "");
+    let args = ["ball.glb", "--faces", "100", "--json", "--cache-dir", "second", "--shared-cache", "server"];
+    let first = quick(&folder, &args).json();
+    assert_eq!([&first["cache"]["shared"]["misses"], &first["cache"]["shared"]["stored"]], [&1, &1]);
+    assert_eq!(quick(&folder, &args).json()["cache"]["local"]["hits"], 1);
+    let run = folder.run(&["cache", "stats", "--json", "--cache-dir", "second"]);
+    let local = &run.json()["tiers"]["local"];
+    assert_eq!([&local["hits"], &local["misses"], &local["stored"]], [&1, &1, &1]);
+    let text = folder.run(&["cache", "stats", "--cache-dir", "second"]).stdout;
+    assert!(text.contains("local       1 hits, 1 misses, 1 stored, 0 damaged\n"), "{text}");
+}
+
+#[test]
+fn a_key_is_written_once() {
+    let folder = Folder::new();
+    let run = folder.run(&["cache", "keygen", "build.key"]);
+    assert_eq!((run.code, run.stdout.trim().len()), (0, 64), "{}", run.stderr);
+    let secret = fs::read(folder.path("build.key")).expect("reads");
+    let run = folder.run(&["cache", "keygen", "build.key"]);
+    assert_eq!(run.code, 2);
+    run.says("choose a new file");
+    assert_eq!(fs::read(folder.path("build.key")).expect("reads"), secret);
+}
+
+#[test]
+fn a_shared_cache_that_can_never_be_used_is_refused_before_a_bake() {
+    let folder = Folder::new().with("ball.glb", sphere(16)).with("file", "");
+    for (address, found) in [("gopher://levels", "cannot be used"), ("file", "it is no folder")] {
+        let run = quick(&folder, &["ball.glb", "--shared-cache", address, "--json"]);
+        assert_eq!((run.code, &run.json()["assets"]), (2, &serde_json::json!([])), "{address}: {}", run.stderr);
+        run.says(found);
+        assert!(!folder.path("lods").exists());
+    }
+}

@@ -3,6 +3,7 @@
 mod bake;
 mod cache;
 mod compare;
+mod farm;
 mod folder;
 mod gate;
 mod hostile;
