@@ -1,21 +1,12 @@
 //! Counters of the tiers: of this process, and of all processes that have used the cache.
 
-use std::fs::File;
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 
 use serde::{Deserialize, Serialize};
 
-use crate::error::StorageError;
-use crate::file::Durability;
-use crate::store::Cache;
-use crate::uploads::Uploads;
-
 /// A file with the counters of all processes, as JSON, and one that is locked while it is changed.
 pub(crate) const COUNTERS: &str = "counters.json";
 pub(crate) const LOCK: &str = "counting";
-/// Largest size of the file in bytes.
-const MOST_BYTES: u64 = 4096;
-
 /// The counters of one tier.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(default)]
@@ -97,7 +88,7 @@ pub(crate) fn add(counter: &AtomicU64, number: u64) {
 
 impl Tally {
     /// The counts since the last call.
-    fn take(&self) -> TierCounters {
+    pub(crate) fn take(&self) -> TierCounters {
         let take = |counter: &AtomicU64| counter.swap(0, Relaxed);
         TierCounters {
             hits: take(&self.hits),
@@ -110,59 +101,5 @@ impl Tally {
             bytes_read: take(&self.bytes_read),
             bytes_written: take(&self.bytes_written),
         }
-    }
-}
-
-impl Cache {
-    /// The counters of all processes that have called [`Cache::finish`].
-    pub fn counters(&self) -> Counters {
-        let json = self.read_file(&self.folder().join(COUNTERS), MOST_BYTES).ok().flatten();
-        json.and_then(|json| serde_json::from_slice(&json).ok()).unwrap_or_default()
-    }
-
-    /// Waits until all results are in the shared tier, and adds the counts since the last call to [`Self::counters`].
-    /// Returns these counts, and the failures of the shared tier that nobody was told of.
-    pub fn finish(&self) -> (Counters, Vec<StorageError>) {
-        let errors = self.uploads().map(Uploads::finish).unwrap_or_default();
-        let shared = self.shared().map(|shared| shared.tally().take()).unwrap_or_default();
-        let counts = Counters { local: self.tally().take(), shared };
-        if counts != Counters::default() {
-            // Without its counters, a cache works all the same.
-            let _ = self.save(counts);
-        }
-        (counts, errors)
-    }
-
-    fn save(&self, counts: Counters) -> Result<(), StorageError> {
-        let lock = self.own().write(&self.folder().join(LOCK), |path| File::create(path))?;
-        let _locked = lock.lock();
-        let mut sum = self.counters();
-        sum += counts;
-        let json = serde_json::to_vec(&sum).unwrap_or_default();
-        self.write(&self.folder().join(COUNTERS), &json, Durability::Process)
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn counts_of_all_processes_are_added_up() {
-        let dir = tempfile::tempdir().expect("tempdir");
-        std::thread::scope(|scope| {
-            for _ in 0..8 {
-                scope.spawn(|| {
-                    let cache = Cache::new(dir.path());
-                    add(&cache.tally().hits, 3);
-                    assert_eq!(cache.finish().0.local.hits, 3);
-                    assert_eq!(cache.finish().0, Counters::default());
-                });
-            }
-        });
-        assert_eq!(Cache::new(dir.path()).counters().local.hits, 24);
-        Cache::new(dir.path()).clear().expect("clears");
-        assert_eq!(Cache::new(dir.path()).counters(), Counters::default());
-        assert!(!Cache::new(dir.path()).folder().exists());
     }
 }

@@ -44,6 +44,7 @@ mod collect;
 mod counters;
 mod error;
 mod file;
+mod finish;
 mod flight;
 mod folder;
 mod inventory;

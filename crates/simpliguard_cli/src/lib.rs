@@ -28,6 +28,7 @@ mod project;
 mod report;
 mod runner;
 mod settings;
+mod settings_sources;
 mod source;
 mod summary;
 

@@ -10,8 +10,8 @@ use simpliguard::settings::{CacheSettings, Layer, Origin, ProjectFile, Resolved,
 use simpliguard_bake::{CachePlace, OutsideProject, open_cache};
 use simpliguard_cache::Cache;
 
-use crate::args::SettingsSources;
 use crate::error::UsageError;
+use crate::settings_sources::SettingsSources;
 use crate::source::{read_text, shown, slashed};
 
 /// The folder and the file of a project.

@@ -9,7 +9,7 @@ use super::level_whole::{Finished, WholeLevel};
 use super::params::LevelParams;
 use super::report::{LevelReport, Likeness};
 use super::runner::Runner;
-use super::store::{atlas_key, vertices_key, warm_start_key};
+use super::store::{atlas_key, choice_key, vertices_key, warm_start_key};
 use crate::animation::Motions;
 use crate::data::{Atlas, Candidate, Influences, Level, TriMesh};
 use crate::geometry::{BoundingSphere, Topology};
@@ -49,16 +49,20 @@ impl Levels<'_> {
     /// The shape of a level. Scores are estimates: where two of them are close, both shapes get a texture, and the pictures
     /// decide.
     fn choose(&self, i: usize) -> Result<Choice, Error> {
-        let Selected { runner_up, .. } = &self.shapes.solid.levels[i].1;
+        let (budget, Selected { runner_up, .. }) = &self.shapes.solid.levels[i];
         let is_close = runner_up.as_ref().is_some_and(|runner_up| runner_up.relative_score < CLOSE_SCORE);
         if !is_close || self.pictures.is_none() {
             return Ok(Choice::Best);
         }
-        let (params, silent) = (self.params.draft(), self.run.silent());
-        let draft = Levels { params: &params, run: &silent, ..*self };
-        let reached = |choice| draft.task(i, choice, &silent).make().map(|made| psnr(&made));
-        let (best, runner_up) = rayon::join(|| reached(Choice::Best), || reached(Choice::RunnerUp));
-        Ok(if runner_up? > best? + CLEARLY_BETTER { Choice::RunnerUp } else { Choice::Best })
+        let (params, trial) = (self.params.draft(), self.run.trial());
+        let key = self.shapes.solid.key.map(|shapes| choice_key(&shapes, &params.level(*budget, false), *budget));
+        let is_runner_up = self.run.get_or_put(key, || {
+            let draft = Levels { params: &params, run: &trial, ..*self };
+            let reached = |choice| draft.task(i, choice, &trial).make().map(|made| psnr(&made));
+            let (best, runner_up) = rayon::join(|| reached(Choice::Best), || reached(Choice::RunnerUp));
+            Ok(runner_up? > best? + CLEARLY_BETTER)
+        })?;
+        Ok(if is_runner_up { Choice::RunnerUp } else { Choice::Best })
     }
 
     /// A level that hardly looks like its source, or less so than a smaller level does, is made again from the other shape;

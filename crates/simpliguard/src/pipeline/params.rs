@@ -176,7 +176,7 @@ impl Params {
     pub(crate) fn draft(&self) -> Self {
         let mut draft = self.unrefined();
         draft.unwrap.size = draft.unwrap.size.min(DRAFT_TEXTURE);
-        draft.maps.normal_map = false;
+        draft.maps = MapsParams { normal_map: false, format: TextureFormat::Png, ..draft.maps };
         draft
     }
 

@@ -7,7 +7,7 @@ use super::context::Context;
 use super::meter::Meter;
 use super::report::StageSeconds;
 use super::store::{Stored, decode, encode};
-use crate::{Cancellation, Error, Key, StageId};
+use crate::{Cancellation, Error, Key, StageId, StageStore};
 
 /// The runner of one bake, or of one of its levels.
 #[derive(Clone)]
@@ -19,12 +19,14 @@ pub(crate) struct Runner<'a> {
     meter: Option<Arc<Meter<'a>>>,
     /// Number of the level, counted from 1.
     level: Option<usize>,
+    /// Results are read from the store and put into it, if there is one.
+    uses_store: bool,
 }
 
 impl<'a> Runner<'a> {
     pub(crate) fn new(asset: &'a str, context: &'a Context<'a>) -> Self {
         let meter = context.progress.map(|sink| Arc::new(Meter::new(sink)));
-        Self { asset, context, clock: Arc::default(), meter, level: None }
+        Self { asset, context, clock: Arc::default(), meter, level: None, uses_store: true }
     }
 
     /// The runner of a level; levels count from 1.
@@ -35,6 +37,15 @@ impl<'a> Runner<'a> {
     /// A runner that reports no progress.
     pub(crate) fn silent(&self) -> Self {
         Self { meter: None, ..self.clone() }
+    }
+
+    /// A runner for results that nobody needs later: it neither stores nor reports progress.
+    pub(crate) fn trial(&self) -> Self {
+        Self { uses_store: false, ..self.silent() }
+    }
+
+    fn store(&self) -> Option<&'a dyn StageStore> {
+        self.context.stages.filter(|_| self.uses_store)
     }
 
     /// Announces the number of levels.
@@ -119,23 +130,23 @@ impl<'a> Runner<'a> {
 
     /// The key of an object, if there is a store.
     pub(crate) fn key(&self, key: impl FnOnce() -> Key) -> Option<Key> {
-        self.context.stages.map(|_| key())
+        self.store().map(|_| key())
     }
 
     /// The store holds an object under `key`.
     pub(crate) fn knows(&self, key: Option<Key>) -> bool {
-        let object = self.context.stages.zip(key).and_then(|(stages, key)| stages.get(&key));
+        let object = self.store().zip(key).and_then(|(stages, key)| stages.get(&key));
         object.is_some()
     }
 
     /// The object of a key, if it is stored.
     pub(crate) fn get<T: Stored>(&self, key: &Key) -> Option<T> {
-        self.context.stages?.get(key).and_then(|bytes| decode(&bytes))
+        self.store()?.get(key).and_then(|bytes| decode(&bytes))
     }
 
     /// Stores an object. A cancelled bake may have made less than everything and stores nothing.
     pub(crate) fn put<T: Stored>(&self, key: &Key, object: &T) {
-        if let Some(stages) = self.context.stages.filter(|_| !self.cancellation().is_cancelled()) {
+        if let Some(stages) = self.store().filter(|_| !self.cancellation().is_cancelled()) {
             stages.put(key, &encode(object));
         }
     }

@@ -15,8 +15,11 @@ use crate::geometry::{BoundingSphere, Bvh, face_components, group_by_component};
 
 /// Faces of a clear surface for one face of a solid one that shows as many pixels: less of its shape is seen.
 const WORTH: f64 = 0.2;
-/// Fewest faces of a clear surface.
-const FEWEST: u32 = 8;
+/// Fewest faces of a clear surface, as a fraction of the budget: the windows of a small car on a large ground are still
+/// windows.
+const FEWEST: f64 = 0.02;
+/// The same in faces, unless that is more than half of the budget.
+const FEWEST_FACES: u32 = 8;
 /// Largest fraction of a budget for all clear surfaces together, where there is a solid one.
 const MOST: f64 = 0.5;
 /// Rings of invisible faces that are kept around visible ones.
@@ -60,8 +63,8 @@ impl ClearPixels {
     pub fn share(&self, budget: u32) -> u32 {
         let clear: f64 = self.of_triangles.iter().map(|&n| f64::from(n)).sum();
         let worth = WORTH * clear / (clear + self.solid as f64).max(1.0);
-        let faces = (f64::from(budget) * worth.min(MOST)).round() as u32;
-        faces.max(FEWEST.min(budget / 2)).min(self.of_triangles.len() as u32)
+        let faces = (f64::from(budget) * worth.clamp(FEWEST, MOST)).round() as u32;
+        faces.max(FEWEST_FACES.min(budget / 2)).min(self.of_triangles.len() as u32)
     }
 }
 
@@ -144,7 +147,8 @@ mod tests {
     fn a_share_follows_the_pixels_within_its_bounds() {
         let pixels = |clear: u32, solid| ClearPixels { of_triangles: vec![clear; 1000], solid };
         assert_eq!(pixels(1, 3000).share(1000), 50);
-        assert_eq!(pixels(1, 1_000_000).share(1000), FEWEST);
+        assert_eq!(pixels(1, 1_000_000).share(1000), 20);
+        assert_eq!(pixels(1, 1_000_000).share(200), FEWEST_FACES);
         assert_eq!(pixels(1, 0).share(4000), 800);
         assert_eq!(pixels(1, 1_000_000).share(10), 5);
     }

@@ -10,12 +10,13 @@ use simpliguard::settings::BakeSettings;
 use simpliguard::{Context, Error, KeyBuilder};
 use simpliguard_bake::{BakeResult, CachePlace, CachedBake, Host, Notice, Parts, default_memory, look_up};
 
-use crate::args::{CacheArgs, SettingsSources};
+use crate::args::CacheArgs;
 use crate::console;
 use crate::error::UsageError;
 use crate::inputs;
 use crate::plan::without_repetition;
 use crate::project::{ModelSettings, SettingsLookup};
+use crate::settings_sources::SettingsSources;
 use crate::source::SourceFile;
 
 /// The outcome.

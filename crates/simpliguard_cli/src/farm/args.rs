@@ -7,7 +7,7 @@ use std::time::Duration;
 use bytesize::ByteSize;
 use clap::Subcommand;
 
-use crate::args::SettingsSources;
+use crate::settings_sources::SettingsSources;
 
 /// Bake a library of models on many machines.
 ///

@@ -15,10 +15,10 @@ use super::cost::Cost;
 use super::manifest::{Manifest, Model, State, Task, Worker};
 use super::scan::{Scanned, scan};
 use crate::Exit;
-use crate::args::SettingsSources;
 use crate::console;
 use crate::error::UsageError;
 use crate::output::{json_text, write_stdout};
+use crate::settings_sources::SettingsSources;
 use crate::source::read_text;
 
 /// Version of the JSON document. It is raised when a field changes its meaning or is removed.

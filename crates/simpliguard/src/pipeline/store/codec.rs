@@ -147,6 +147,16 @@ impl Stored for Shape {
     }
 }
 
+impl Stored for bool {
+    fn write(&self, writer: &mut Writer) {
+        writer.number(u8::from(*self));
+    }
+
+    fn read(reader: &mut Reader<'_>) -> Option<Self> {
+        reader.flag()
+    }
+}
+
 impl Stored for Shortfall {
     fn write(&self, writer: &mut Writer) {
         writer.number(match self {

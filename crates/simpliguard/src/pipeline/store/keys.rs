@@ -116,6 +116,16 @@ fn with_surface(key: KeyBuilder, surface: &Surface) -> KeyBuilder {
         .input(cast_slice(material))
 }
 
+/// Which of its shapes a level is made from, by pictures of unrefined levels with an atlas and an initial texture.
+pub(crate) fn choice_key(shapes: &Key, params: &LevelParams, budget: u32) -> Key {
+    for_stages(&[StageId::Unwrap, StageId::Texture, StageId::Maps])
+        .key(shapes)
+        .params(&params.unwrap)
+        .params(&params.texture.initial)
+        .params(&(budget, "choice"))
+        .finish()
+}
+
 /// The refined vertices of a level, with its influences: of its best shape, or of the runner-up.
 pub(crate) fn vertices_key(shapes: &Key, params: &LevelParams, budget: u32, is_runner_up: bool) -> Key {
     for_stages(&[StageId::Unwrap, StageId::Skinning, StageId::Texture, StageId::Refine])

@@ -1,9 +1,10 @@
 //! The stage store: keys and encoding of the objects that later bakes find again.
 //!
-//! Four kinds of objects pay for their space. They cost much, are small, and most changes leave them as they are:
+//! Five kinds of objects pay for their space. They cost much, are small, and most changes leave them as they are:
 //!
 //! - the shapes of a candidate, which depend on the form of the model alone: a bake after a change of a texture finds them;
 //! - the selected shapes, which depend on the look of the model, too: a bake after a change of a later stage finds them;
+//! - which of its selected shapes a level is made from;
 //! - the atlas of a mesh;
 //! - the refined vertices of a level: a bake after a change of the texture set finds them, as does a bake that was stopped.
 //!
@@ -19,5 +20,7 @@ mod keys;
 mod stored;
 
 pub use keys::bake_key;
-pub(crate) use keys::{atlas_key, candidate_key, content_key, form_key, shapes_key, vertices_key, warm_start_key};
+pub(crate) use keys::{
+    atlas_key, candidate_key, choice_key, content_key, form_key, shapes_key, vertices_key, warm_start_key,
+};
 pub(crate) use stored::{Stored, decode, encode};
