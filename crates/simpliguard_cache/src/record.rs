@@ -5,8 +5,6 @@ use std::collections::BTreeSet;
 use serde::{Deserialize, Serialize};
 use simpliguard_key::Key;
 
-use crate::signature::Signature;
-
 /// Version of the format of records. A record of another version counts as a miss.
 const VERSION: u32 = 2;
 
@@ -51,6 +49,16 @@ pub(crate) struct ObjectRecord {
     pub(crate) hash: blake3::Hash,
     /// In bytes.
     pub(crate) size: u64,
+}
+
+/// The signature of a record.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct Signature {
+    /// The public key, in hexadecimal digits.
+    pub(crate) key: String,
+    /// The signature, in hexadecimal digits.
+    pub(crate) signature: String,
 }
 
 /// The field that records of all versions have.

@@ -6,9 +6,8 @@
 use std::fmt;
 
 use ed25519_dalek::{Signature as Ed25519, Signer, SigningKey, VerifyingKey};
-use serde::{Deserialize, Serialize};
 
-use crate::record::Record;
+use crate::record::{ObjectRecord, Record, Signature};
 
 /// The first line of what is signed, so that a signature for something else is none for a record.
 const CONTEXT: &str = "simpliguard record 1\n";
@@ -28,15 +27,6 @@ pub struct Trust {
     pub trusted: Vec<PublicKey>,
     /// Signs the records that this machine stores.
     pub signer: Option<SecretKey>,
-}
-
-/// A signature as it stands in a record.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub(crate) struct Signature {
-    /// The public key.
-    key: String,
-    signature: String,
 }
 
 impl PublicKey {
@@ -114,7 +104,7 @@ impl Trust {
 
 /// What is signed: the key of the result, and names, hashes and sizes of its objects. A name has no line break.
 fn message(record: &Record) -> String {
-    let object = |o: &crate::record::ObjectRecord| format!("{} {} {}\n", o.hash.to_hex(), o.size, o.name);
+    let object = |o: &ObjectRecord| format!("{} {} {}\n", o.hash.to_hex(), o.size, o.name);
     format!("{CONTEXT}{}\n{}", record.key, record.objects.iter().map(object).collect::<String>())
 }
 
@@ -138,7 +128,6 @@ mod tests {
     use simpliguard_key::{KeyBuilder, content_hash};
 
     use super::*;
-    use crate::record::ObjectRecord;
 
     fn record(name: &str) -> Record {
         let object = ObjectRecord { name: "a".into(), hash: content_hash(b"content"), size: 7 };

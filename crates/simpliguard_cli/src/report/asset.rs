@@ -8,8 +8,7 @@ use simpliguard_bake::Outcome;
 use simpliguard_eval::compare::{Comparison, Options, compare};
 use simpliguard_eval::{jpeg, pictures};
 
-use super::Preview;
-use super::preview::{Made, preview};
+use super::preview::{Made, Preview, preview};
 use crate::inspect::document::Document;
 use crate::levels::{LevelNode, levels_of};
 use crate::plan::Job;

@@ -14,7 +14,6 @@ use simpliguard_cache::{Durability, write_atomic};
 
 use self::asset::{Asset, Measured, shared_folder};
 use self::page::Page;
-use self::preview::Preview;
 use crate::Exit;
 use crate::args::ReportArgs;
 use crate::console::{self, AssetProgress};
