@@ -15,7 +15,6 @@ use crate::flight::Flight;
 use crate::record::Entry;
 use crate::requests::{Failure, Found, Patience, Requests};
 use crate::signature::Trust;
-use crate::store::Cache;
 use crate::tier::{Damaged, There, Tier};
 
 /// Time for which a tier that failed is left alone. It doubles with each failure, from the first value to the second.
@@ -229,18 +228,6 @@ fn name_of(file: Damaged) -> String {
     match file {
         Damaged::Record(key) => format!("record {}", key.hex()),
         Damaged::Object(hash) => format!("object {}", hash.to_hex()),
-    }
-}
-
-impl Cache {
-    /// Asks the shared tier whether it can be read and, unless it is read-only, written. Without a shared tier, nothing is
-    /// asked.
-    ///
-    /// # Errors
-    /// [`StorageError::Misconfigured`] if it can never be used; [`StorageError::ReadOnly`] if it is used for reading alone;
-    /// others if it does not work at the moment.
-    pub fn probe(&self) -> Result<(), StorageError> {
-        self.shared().map_or(Ok(()), Shared::probe)
     }
 }
 

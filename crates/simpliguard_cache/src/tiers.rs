@@ -20,6 +20,16 @@ use crate::store::{Cache, USE_NOTED_AFTER};
 use crate::tier::{Damaged, Fault, There, Tier};
 
 impl Cache {
+    /// Asks the shared tier whether it can be read and, unless it is read-only, written. Without a shared tier, nothing is
+    /// asked.
+    ///
+    /// # Errors
+    /// [`StorageError::Misconfigured`] if it can never be used; [`StorageError::ReadOnly`] if it is used for reading alone;
+    /// others if it does not work at the moment.
+    pub fn probe(&self) -> Result<(), StorageError> {
+        self.shared().map_or(Ok(()), Shared::probe)
+    }
+
     /// Adds a shared tier. `address` is a folder, relative to `base`, or a URL such as `s3://bucket/folder`. With
     /// `read_only`, nothing is stored there. An address that cannot be used is reported at the first use of the tier.
     #[must_use]
