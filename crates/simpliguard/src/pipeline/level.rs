@@ -284,11 +284,16 @@ impl LevelTask<'_> {
     fn final_texture(&self, vertices: Vertices, atlas: &Atlas, texture: &LevelTexture<'_>) -> Result<Finished, Error> {
         let Vertices { mut low, influences, refined } = vertices;
         let cancellation = self.run.cancellation();
-        let samples = texture.bake(&low.mesh(), self.shape.cards.as_ref(), cancellation);
+        let mut samples = texture.bake(&low.mesh(), self.shape.cards.as_ref(), cancellation);
         self.run.check()?;
         let cut_out = refined.is_none() && is_cut_out(self.shape, &samples);
         low.double_sided |= cut_out;
         let mut low = low.retextured(atlas, texture.initial(&samples, cut_out));
+        if self.params.refine.enabled {
+            refine::fit_opacity(&mut low, &self.all.views.aliased, cancellation);
+            let opacities = samples.iter_mut().zip(&low.texture.opacity);
+            opacities.for_each(|(sample, opacity)| sample.iter_mut().for_each(|sample| sample.color.w = *opacity));
+        }
         let fit = self.params.refine.enabled.then(|| texture.fit(&samples, Some(TRUST))).flatten();
         let fitted = refine::fit_texture(&mut low, &self.all.views.aliased, fit.as_ref(), cancellation);
         self.run.check()?;

@@ -59,7 +59,11 @@ impl<'a> LevelTexture<'a> {
         fill_unknown(&mut texels, &known, size);
         let opacity = |s: &Option<SurfaceSample>| s.as_ref().map_or(0.0, |s| s.color.w);
         let opacity = if alpha { samples.iter().map(opacity).collect() } else { Vec::new() };
-        TexelGrid { size, texels, covered, opacity }
+        let mut grid = TexelGrid { size, texels, covered, opacity };
+        if alpha {
+            grid.fill_opacity();
+        }
+        grid
     }
 
     /// How the texture is fitted. Not at all if the baked one has a single colour.

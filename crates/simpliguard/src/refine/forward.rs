@@ -78,6 +78,20 @@ impl FrameBuffers {
 
     /// Finds visibility alone: ids, depth and barycentric coefficients. `source` is the rectangle that the source covers.
     pub(super) fn rasterise(&mut self, low: &LowPoly, camera: &Camera, pose: Option<usize>, source: Rect) {
+        self.project(low, camera, pose, source);
+        match low.texture.opacity.is_empty() {
+            true => self.raster.draw(&self.clip, &low.triangles, |_| low.double_sided),
+            false => self.draw_cut_out(low, |_, _| true),
+        }
+    }
+
+    /// As [`Self::rasterise`], with clear texels too.
+    pub(super) fn rasterise_whole(&mut self, low: &LowPoly, camera: &Camera, pose: Option<usize>, source: Rect) {
+        self.project(low, camera, pose, source);
+        self.raster.draw(&self.clip, &low.triangles, |_| low.double_sided);
+    }
+
+    fn project(&mut self, low: &LowPoly, camera: &Camera, pose: Option<usize>, source: Rect) {
         (self.view_projection, self.pose) = (camera.view_projection, pose);
         low.motions.project(&low.positions, &self.view_projection, pose, &mut self.clip);
         let own = Rect::around(&self.clip, self.size, 2);
@@ -91,25 +105,37 @@ impl FrameBuffers {
         self.coefficients.clear();
         let clip = &self.clip;
         self.coefficients.extend(low.triangles.iter().map(|t| barycentric_coefficients(t.map(|v| clip[v as usize]))));
-        match low.texture.opacity.is_empty() {
-            true => self.raster.draw(&self.clip, &low.triangles, |_| low.double_sided),
-            false => self.draw_cut_out(low),
-        }
     }
 
-    /// Draws the triangles where their texture is not clear.
-    fn draw_cut_out(&mut self, low: &LowPoly) {
+    /// As [`Self::rasterise`], without the triangles that `hidden` has: one id for each pixel.
+    pub(super) fn rasterise_behind(
+        &mut self,
+        low: &LowPoly,
+        camera: &Camera,
+        pose: Option<usize>,
+        (source, hidden): (Rect, &[u32]),
+    ) {
+        self.project(low, camera, pose, source);
+        self.draw_cut_out(low, |t, pixel| hidden[pixel] != t as u32);
+    }
+
+    /// Draws the triangles where their texture is not clear and `shows(triangle, pixel)` holds.
+    fn draw_cut_out(&mut self, low: &LowPoly, shows: impl Fn(usize, usize) -> bool) {
         let Self { size, raster, clip, coefficients, .. } = self;
         let TexelGrid { size: side, opacity, .. } = &low.texture;
         let pixels = raster.pixel_corners(clip);
-        for (t, triangle) in low.triangles.iter().enumerate() {
-            let corners = triangle.map(|v| pixels[v as usize]);
+        // From front to back, so that most of what is hidden needs no lookup.
+        let nearest =
+            |t: &usize| low.triangles[*t].map(|v| pixels[v as usize].z).into_iter().fold(f32::INFINITY, f32::min);
+        let mut order: Vec<usize> = (0..low.triangles.len()).collect();
+        order.sort_by(|a, b| nearest(a).total_cmp(&nearest(b)));
+        for t in order {
+            let corners = low.triangles[t].map(|v| pixels[v as usize]);
             let [u, v, w] = low.uvs[t];
-            raster.draw_tested(t, corners, low.double_sided, |_, x, y| {
+            raster.draw_tested(t, corners, low.double_sided, |i, x, y| {
                 let (b, _) = barycentric_at(&coefficients[t], pixel_to_ndc(x, *size), pixel_to_ndc(y, *size));
                 let lookup = Lookup::new(u * b.x + v * b.y + w * b.z, *side);
-                let texels = lookup.texels(*side).into_iter().zip(lookup.weights());
-                texels.map(|(texel, weight)| opacity[texel] * weight).sum::<f32>() >= CUTOFF
+                shows(t, i) && lookup.opacity(opacity, *side) >= CUTOFF
             });
         }
     }

@@ -39,4 +39,12 @@ impl Lookup {
         let [t00, t10, t01, t11] = self.texels(size).map(|k| texels[k]);
         t00 * a + t10 * b + t01 * c + t11 * d
     }
+
+    /// The alpha there.
+    #[inline]
+    pub(super) fn opacity(&self, opacity: &[f32], size: usize) -> f32 {
+        let [a, b, c, d] = self.weights();
+        let [t00, t10, t01, t11] = self.texels(size).map(|k| opacity[k]);
+        t00 * a + t10 * b + t01 * c + t11 * d
+    }
 }

@@ -5,6 +5,7 @@ use glam::{Vec2, Vec3, Vec4};
 use crate::animation::Motions;
 use crate::data::image::{halved, mean};
 use crate::data::{Atlas, TriMesh};
+use crate::render::fill_unknown;
 
 /// Alpha at which a cut-out begins.
 pub(super) const CUTOFF: f32 = 0.5;
@@ -28,6 +29,13 @@ impl TexelGrid {
     /// Stands for a texture that is not made yet. A mesh with it cannot be rendered.
     pub fn empty() -> Self {
         Self { size: 1, texels: Vec::new(), covered: Vec::new(), opacity: Vec::new() }
+    }
+
+    /// Gives texels that no triangle covers the alpha of their neighbours, as the finished texture has them.
+    pub fn fill_opacity(&mut self) {
+        let mut filled: Vec<Vec4> = self.opacity.iter().map(|&opacity| Vec4::splat(opacity)).collect();
+        fill_unknown(&mut filled, &self.covered, self.size);
+        self.opacity.iter_mut().zip(filled).for_each(|(opacity, filled)| *opacity = filled.x);
     }
 
     /// The same texture at half the size, each texel the mean of four.

@@ -19,6 +19,7 @@ mod gradient_tests;
 mod lookup;
 mod losses;
 mod low_poly;
+mod opacity;
 mod optimise;
 mod optimizer;
 mod params;
@@ -87,6 +88,22 @@ pub fn fit_texture(
     cancellation: &Cancellation,
 ) -> Refined {
     fit_texture_to(&TrainValidationSplit::aliased(views, cancellation), low, fit)
+}
+
+/// Fits the outlines of a cut-out to views without antialiasing. Keeps those it has if the fitted ones do not match the views
+/// held out better. Changes nothing that is no cut-out.
+///
+/// Ends early if cancelled.
+pub fn fit_opacity(low: &mut LowPoly, views: &[View], cancellation: &Cancellation) {
+    if low.texture.opacity.is_empty() {
+        return;
+    }
+    let split = TrainValidationSplit::aliased(views, cancellation);
+    let (initial, before) = (low.texture.opacity.clone(), split.score(low));
+    opacity::fit_opacity(low, &split.train, cancellation);
+    if split.score(low) <= before {
+        low.texture.opacity = initial;
+    }
 }
 
 /// Least gain of a fitted texture of a cut-out, in dB. The leaves that a view shows beside those of the level blur it, and

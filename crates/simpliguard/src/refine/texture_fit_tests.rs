@@ -1,13 +1,14 @@
-//! The texture that is fitted to views of a textured card is the card's own.
+//! The texture and the outline that are fitted to views of a card are the card's own.
 
 use glam::{Vec2, Vec3, Vec4};
 use image::{Rgba, RgbaImage};
 
+use super::fit_opacity;
 use super::low_poly::{LowPoly, TexelGrid};
 use super::params::{Solver, TextureFit};
 use super::train_validation::TrainValidationSplit;
 use crate::Cancellation;
-use crate::data::{Atlas, Material, Model, Surface, Texture, TextureRef, TriMesh, Wrap};
+use crate::data::{AlphaMode, Atlas, Material, Model, Surface, Texture, TextureRef, TriMesh, Wrap};
 use crate::geometry::{BoundingSphere, Random};
 use crate::render::{Camera, Sampling, SurfaceSampler, View, take_views};
 
@@ -35,7 +36,20 @@ fn uv(position: Vec3) -> Vec2 {
     Vec2::new(0.5 + 0.5 * position.x, 0.5 - 0.5 * position.y)
 }
 
-fn card() -> Model {
+/// Alpha of a disc, 0.6 of the side wide.
+fn disc() -> RgbaImage {
+    RgbaImage::from_fn(TEXTURE, TEXTURE, |x, y| Rgba([90, 120, 60, if distance(x, y) < RADIUS { 255 } else { 0 }]))
+}
+
+/// Radius of the disc in texels.
+const RADIUS: f32 = 0.3 * TEXTURE as f32;
+
+/// Distance of a texel from the middle, in texels.
+fn distance(x: u32, y: u32) -> f32 {
+    Vec2::new(x as f32 + 0.5, y as f32 + 0.5).distance(Vec2::splat(0.5 * TEXTURE as f32))
+}
+
+fn card(picture: &RgbaImage, alpha_mode: AlphaMode) -> Model {
     let TriMesh { positions, triangles } = mesh();
     let surface = Surface {
         uvs: [positions.iter().map(|p| uv(*p)).collect(), Vec::new()],
@@ -46,12 +60,12 @@ fn card() -> Model {
         ..Surface::default()
     };
     let texture = TextureRef { texture: 0, uv_set: 0, transform: glam::Affine2::IDENTITY };
-    let material = Material { base_color_texture: Some(texture), ..Material::default() };
-    let textures = vec![Texture::new(&noise(), [Wrap::Clamp; 2], true)];
+    let material = Material { base_color_texture: Some(texture), alpha_mode, ..Material::default() };
+    let textures = vec![Texture::new(picture, [Wrap::Clamp; 2], true)];
     Model { surface, materials: vec![material], textures, ..Model::empty("card") }
 }
 
-fn views(sampling: Sampling) -> Vec<View> {
+fn views(card: &Model, sampling: Sampling) -> Vec<View> {
     let sphere = BoundingSphere { centre: Vec3::ZERO, radius: 1.5 };
     let mut random = Random::new(9);
     let cameras: Vec<Camera> = (0..24)
@@ -60,11 +74,11 @@ fn views(sampling: Sampling) -> Vec<View> {
             Camera::orbit(&sphere, direction, 0.7, 1.0 + 0.1 * random.unit())
         })
         .collect();
-    take_views(&SurfaceSampler::new(&card()), &cameras, sampling)
+    take_views(&SurfaceSampler::new(card), &cameras, sampling)
 }
 
-/// Root of the mean squared error of a texture that begins grey and is fitted to the split's views.
-fn error(split: &TrainValidationSplit<'_>) -> f32 {
+/// The level of a card: the same quad, grey, with the alpha given.
+fn level(opacity: Vec<f32>) -> LowPoly {
     let mesh = mesh();
     let atlas = Atlas {
         uvs: mesh.triangles.iter().map(|t| t.map(|v| uv(mesh.positions[v as usize]))).collect(),
@@ -72,8 +86,13 @@ fn error(split: &TrainValidationSplit<'_>) -> f32 {
     };
     let texels = (TEXTURE * TEXTURE) as usize;
     let grey = vec![Vec4::new(0.5, 0.5, 0.5, 1.0); texels];
-    let texture = TexelGrid { size: TEXTURE as usize, texels: grey, covered: vec![true; texels], opacity: Vec::new() };
-    let mut low = LowPoly::new(&mesh, &atlas, false, texture);
+    let texture = TexelGrid { size: TEXTURE as usize, texels: grey, covered: vec![true; texels], opacity };
+    LowPoly::new(&mesh, &atlas, false, texture)
+}
+
+/// Root of the mean squared error of a texture that begins grey and is fitted to the split's views.
+fn error(split: &TrainValidationSplit<'_>) -> f32 {
+    let mut low = level(Vec::new());
     split.fit_texture(&mut low, Some(&TextureFit { smoothness: 0.01, trust: None, solver: Solver::LeastSquares }));
     let (mut sum, mut count) = (0.0, 0);
     for (x, y, truth) in noise().enumerate_pixels() {
@@ -90,11 +109,28 @@ fn error(split: &TrainValidationSplit<'_>) -> f32 {
 #[test]
 fn a_texture_is_found_in_views_without_antialiasing() {
     let cancellation = Cancellation::default();
-    let views = |samples| views(Sampling { size: 2 * SIZE / samples, samples });
+    let card = card(&noise(), AlphaMode::Opaque);
+    let views = |samples| views(&card, Sampling { size: 2 * SIZE / samples, samples });
     let (points, means) = (views(1), views(2));
     let found = error(&TrainValidationSplit::aliased(&points, &cancellation));
     let compensated = error(&TrainValidationSplit::new(&means, &cancellation));
     // Noise of 80 steps has a deviation of 23; rounding alone leaves 0.3.
     assert!(found < 0.02, "{found}");
     assert!(found < 0.5 * compensated, "{found} without antialiasing, {compensated} with it");
+}
+
+#[test]
+fn an_outline_is_found_from_any_other() {
+    let card = card(&disc(), AlphaMode::Mask { cutoff: 0.5 });
+    let views = views(&card, Sampling { size: 2 * SIZE, samples: 1 });
+    for opacity in [0.0, 1.0] {
+        let mut low = level(vec![opacity; (TEXTURE * TEXTURE) as usize]);
+        fit_opacity(&mut low, &views, &Cancellation::default());
+        for (x, y, _) in disc().enumerate_pixels() {
+            let (found, distance) = (low.texture.opacity[(y * TEXTURE + x) as usize], distance(x, y));
+            if (distance - RADIUS).abs() > 1.5 && [x, y].iter().all(|k| (RIM..TEXTURE - RIM).contains(k)) {
+                assert_eq!(found, if distance < RADIUS { 1.0 } else { 0.0 }, "texel {x}, {y} from {opacity}");
+            }
+        }
+    }
 }
