@@ -5,6 +5,7 @@ use serde::{Deserialize, Serialize};
 use crate::data::{Deviation, Model, TriMesh};
 use crate::geometry::{Topology, self_intersecting};
 use crate::refine::Refined;
+use crate::render::decibels;
 
 /// The outcome for a file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -130,9 +131,10 @@ pub struct WrongMaterial {
 }
 
 impl Likeness {
-    /// Mean of the PSNR without and with light, in dB.
+    /// PSNR in dB of the mean error without and with light: what only one of them shows is wrong all the same.
     pub(super) fn mean_psnr(&self) -> f32 {
-        0.5 * (self.psnr + self.psnr_lit)
+        let error = |psnr: f32| libm::exp10(-0.1 * f64::from(psnr));
+        decibels(0.5 * (error(self.psnr) + error(self.psnr_lit))) as f32
     }
 
     /// What is wrong, in words, for a level of this number whose PSNR is below `bar`.

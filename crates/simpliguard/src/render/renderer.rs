@@ -194,6 +194,20 @@ mod tests {
     }
 
     #[test]
+    fn each_axis_has_a_lamp_of_its_own() {
+        let white = Material { base_color: Vec4::ONE, ..Material::default() };
+        let facing = |normal: Vec3, double_sided| {
+            let mut model = card(vec![Material { double_sided, ..white.clone() }]);
+            model.surface.normals.fill(normal);
+            centre_pixel(&model, Light::Axes)
+        };
+        let (dark, middle) = (149, 211);
+        assert_eq!(facing(Vec3::Z, false), [middle, middle, 255, 255]);
+        assert_eq!(facing(Vec3::NEG_X, false), [dark, middle, middle, 255]);
+        assert_eq!(facing(Vec3::NEG_X, true), [255, middle, middle, 255]);
+    }
+
+    #[test]
     fn blended_cards_show_what_is_behind() {
         let model = card(vec![paint(1.0, 1.0, AlphaMode::Opaque), paint(0.0, 0.5, AlphaMode::Blend)]);
         let [red, green, blue, alpha] = centre_pixel(&model, Light::None);

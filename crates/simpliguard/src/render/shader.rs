@@ -16,6 +16,9 @@ pub enum Light {
     None,
     /// A lamp at the camera: `0.3 + 0.7 |n . v|` of the base colour.
     Head,
+    /// A red, a green and a blue lamp along the axes: `0.65 + 0.35 n` of the base colour, with `|n|` on what is seen from
+    /// both sides. A point of a surface looks the same from everywhere.
+    Axes,
 }
 
 /// Shades pixels. Keeps the set-up of the last triangle.
@@ -70,16 +73,22 @@ impl<'a, 's> Shader<'a, 's> {
     pub(super) fn shade(&mut self, t: usize, x: usize, y: usize) -> Vec4 {
         let b = self.barycentric(t, x, y);
         let color = self.sampler.color(t, b, self.footprint);
-        let rgb = match self.light {
-            Light::Head if !self.sampler.material(t).only_emits() => {
+        let light = match self.light {
+            _ if self.light == Light::None || self.sampler.material(t).only_emits() => Vec3::ONE,
+            Light::Axes => {
+                let normal = self.sampler.normal(t, b, self.footprint);
+                let shown = if self.sampler.material(t).double_sided { normal.abs() } else { normal };
+                Vec3::splat(0.65) + 0.35 * shown
+            }
+            Light::None | Light::Head => {
                 let surface = &self.sampler.model().surface;
                 let [i, j, k] = surface.triangles[t].map(|v| surface.positions[v as usize]);
                 let view = (self.eye - (i * b.x + j * b.y + k * b.z)).normalize_or_zero();
                 let normal = self.sampler.normal(t, b, self.footprint);
-                color.xyz() * (0.3 + 0.7 * normal.dot(view).abs())
+                Vec3::splat(0.3 + 0.7 * normal.dot(view).abs())
             }
-            Light::None | Light::Head => color.xyz(),
         };
+        let rgb = color.xyz() * light;
         Vec3::from(rgb.to_array().map(encode)).extend(color.w.clamp(0.0, 1.0))
     }
 }

@@ -9,7 +9,7 @@ use super::renderer::Renderer;
 use super::shader::Light;
 use super::surface_sampler::SurfaceSampler;
 
-/// A camera, and the unlit image of the source from it.
+/// A camera, and the image of the source from it, unlit unless said otherwise.
 pub struct View {
     /// The camera.
     pub camera: Camera,
@@ -45,6 +45,11 @@ impl Sampling {
 /// The view of the source from every camera.
 pub fn take_views(sampler: &SurfaceSampler<'_>, cameras: &[Camera], sampling: Sampling) -> Vec<View> {
     take(sampler, &sampler.model().surface.positions, cameras, sampling, None)
+}
+
+/// `view` again, under other light. The source has its vertices at `positions`.
+pub(super) fn relit(renderer: &mut Renderer<'_>, view: &View, positions: &[Vec3], light: Light) -> View {
+    View { image: renderer.draw_moved(positions, &view.camera, light), ..*view }
 }
 
 /// As [`take_views`], with the source in a pose, its vertices at `positions`.

@@ -4,8 +4,10 @@ use rayon::prelude::*;
 use serde::Serialize;
 
 use super::camera::viewpoints;
+use super::renderer::Renderer;
+use super::shader::Light;
 use super::surface_sampler::SurfaceSampler;
-use super::view::{Sampling, View, take_posed_views, take_views};
+use super::view::{Sampling, View, relit, take_posed_views, take_views};
 use crate::Cancellation;
 use crate::animation::Poses;
 use crate::geometry::BoundingSphere;
@@ -53,6 +55,18 @@ impl ViewRenderer<'_> {
         let sampling = Sampling::antialiased(self.params.size as usize / 2);
         half_resolution.extend(self.take(further, sampling, self.seed.wrapping_add(2)));
         half_resolution
+    }
+
+    /// `views` with light of other colours from each axis; fewer if cancelled.
+    pub(crate) fn lit_views(&self, views: &[View]) -> Vec<View> {
+        let sampling = Sampling::antialiased(self.params.size as usize);
+        let new = || Renderer::new(self.sampler, sampling.size, sampling.samples);
+        let lit = |renderer: &mut Renderer<'_>, view: &View| {
+            let posed = self.poses.zip(view.pose).map(|(poses, pose)| poses.source_in(pose));
+            let positions = posed.as_deref().unwrap_or(&self.sampler.model().surface.positions);
+            relit(renderer, view, positions, Light::Axes)
+        };
+        views.par_iter().filter(|_| !self.cancellation.is_cancelled()).map_init(new, lit).collect()
     }
 
     /// `count` views of the rest pose, and the views of the other poses that go with them.

@@ -289,7 +289,7 @@ mod tests {
         ];
         assert_eq!(
             (PIPELINE_VERSION, keys.map(|key| key.hex()[..16].to_owned())),
-            ("13", ["8bc14dfc7e98fe32", "99a3854b605364ff"].map(str::to_owned))
+            ("14", ["3785d95a959b55a7", "edfa9cf1e1a127de"].map(str::to_owned))
         );
     }
 }
