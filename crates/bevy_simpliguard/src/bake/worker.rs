@@ -121,9 +121,13 @@ impl Worker {
             return Err(Stop::Superseded);
         }
         info!("{}", summary(&path, &report, duration));
-        for warning in report.levels.iter().filter_map(|level| level.warning.as_ref()) {
+        for warning in report.all_levels().filter_map(|level| level.warning.as_ref()) {
             warn!("{path}: {warning}");
         }
+        // Warnings of levels are among the notes.
+        let is_told =
+            |note: &&String| !report.all_levels().any(|l| l.warning.as_ref().is_some_and(|w| note.ends_with(w)));
+        report.notes.iter().filter(is_told).for_each(|note| info!("{path}: {note}"));
         Ok(BakeFinished { path, report, duration })
     }
 
@@ -224,6 +228,12 @@ impl PreviewSink for WorkerHost<'_> {
 fn summary(path: &AssetPath<'static>, report: &Report, duration: Duration) -> String {
     let faces: Vec<String> = report.levels.iter().map(|level| level.faces.to_string()).collect();
     match report.status {
+        Status::Baked if !report.objects.is_empty() => format!(
+            "{path}: {} triangles, levels of {} kinds of objects after {:.1} s",
+            report.source_faces,
+            report.objects.len(),
+            duration.as_secs_f64()
+        ),
         Status::Baked => format!(
             "{path}: {} triangles, levels of {} after {:.1} s",
             report.source_faces,

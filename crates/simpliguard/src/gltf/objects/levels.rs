@@ -5,7 +5,7 @@ use serde_json::{Value, json};
 
 use super::copy::Copier;
 use super::find::Object;
-use super::recipe::{INSTANCING, skins_of};
+use super::recipe::INSTANCING;
 use crate::Error;
 use crate::gltf::export::builder::{Builder, Kind, index, indices};
 use crate::gltf::export::clips::copy_weight_channels;
@@ -40,19 +40,19 @@ struct Stamp {
 }
 
 /// The skin of a level.
-enum Skin {
-    /// One of the object's own, by its number in the object.
-    Source(usize),
-    /// One made for the levels: nodes of the object, and the accessor of the inverse bind matrices in the scene.
-    Own { joints: Vec<usize>, inverse_bind: Option<usize> },
+struct Skin {
+    /// Joints by their numbers in the object.
+    joints: Vec<usize>,
+    /// The accessor of the matrices in the scene.
+    inverse_bind: Option<usize>,
 }
 
 impl Levels {
-    /// Copies the levels in the file of a baked object into the scene. `skins` is the number of the object's own skins.
+    /// Copies the levels in the file of a baked object into the scene.
     ///
     /// # Errors
     /// If the file is none that the export writes.
-    pub(super) fn take(scene: &mut Builder, name: &str, glb: &[u8], skins: usize) -> Result<Self, Error> {
+    pub(super) fn take(scene: &mut Builder, name: &str, glb: &[u8]) -> Result<Self, Error> {
         let (from, mut copier) = (Builder::from_glb(&scene.asset, glb)?, Copier::new(false));
         let mut levels = Vec::new();
         for node in from.all(Kind::Node) {
@@ -60,14 +60,10 @@ impl Levels {
             let Some((stamp, mesh)) = stamp.zip(index(node, "mesh")) else { continue };
             let Some(mesh) = copier.copy(&from, scene, Kind::Mesh, mesh) else { continue };
             scene.all_mut(Kind::Mesh)[mesh]["name"] = json!(format!("{name} LOD{}", stamp.level));
-            let skin = index(node, "skin").map(|skin| {
-                if skin < skins {
-                    return Skin::Source(skin);
-                }
-                let source = from.all(Kind::Skin).get(skin).unwrap_or(&Value::Null);
-                let matrices = index(source, "inverseBindMatrices");
+            let skin = index(node, "skin").and_then(|skin| from.all(Kind::Skin).get(skin)).map(|skin| {
+                let matrices = index(skin, "inverseBindMatrices");
                 let inverse_bind = matrices.and_then(|accessor| copier.copy(&from, scene, Kind::Accessor, accessor));
-                Skin::Own { joints: indices(source, "joints").collect(), inverse_bind }
+                Skin { joints: indices(skin, "joints").collect(), inverse_bind }
             });
             levels.push(Level { mesh, skin, stamp });
         }
@@ -141,27 +137,22 @@ impl Level {
             }
         }
         node["extras"] = json!({ "simpliguard": stamp });
-        if let Some(skin) = self.skin.as_ref().and_then(|skin| skin.write(scene, object)) {
-            node["skin"] = json!(skin);
+        if let Some(skin) = &self.skin {
+            node["skin"] = json!(skin.write(scene, object));
         }
         node
     }
 }
 
 impl Skin {
-    /// The skin on the joints of an instance.
-    fn write(&self, scene: &mut Builder, object: &Object) -> Option<usize> {
-        match self {
-            Self::Source(skin) => skins_of(scene, object).get(*skin).copied(),
-            Self::Own { joints, inverse_bind } => {
-                let joints: Vec<usize> = joints.iter().filter_map(|&joint| object.nodes.get(joint).copied()).collect();
-                let mut skin = json!({ "joints": joints });
-                if let Some(accessor) = inverse_bind {
-                    skin["inverseBindMatrices"] = json!(accessor);
-                }
-                Some(scene.push(Kind::Skin, skin))
-            }
+    /// Writes the skin on the joints of an instance.
+    fn write(&self, scene: &mut Builder, object: &Object) -> usize {
+        let joints: Vec<usize> = self.joints.iter().filter_map(|&joint| object.nodes.get(joint).copied()).collect();
+        let mut skin = json!({ "joints": joints });
+        if let Some(accessor) = self.inverse_bind {
+            skin["inverseBindMatrices"] = json!(accessor);
         }
+        scene.push(Kind::Skin, skin)
     }
 }
 

@@ -83,16 +83,6 @@ impl Recipe {
     }
 }
 
-/// The skins of an object's mesh nodes, in the order of their first use.
-pub(super) fn skins_of(out: &Builder, object: &Object) -> Vec<usize> {
-    let mut skins = Vec::new();
-    for &node in object.nodes.iter().filter(|node| object.mesh_nodes.contains(node)) {
-        let skin = index(&out.all(Kind::Node)[node], "skin");
-        skins.extend(skin.filter(|skin| !skins.contains(skin)));
-    }
-    skins
-}
-
 /// A node without name, and without a transform if the object is described in its space.
 fn describe(
     out: &Builder,

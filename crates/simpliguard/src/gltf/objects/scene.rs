@@ -6,7 +6,7 @@ use serde_json::Value;
 
 use super::find::{self, Object};
 use super::levels::Levels;
-use super::recipe::{Channels, Recipe, skins_of};
+use super::recipe::{Channels, Recipe};
 use super::triangles;
 use crate::data::NodePattern;
 use crate::gltf::export::builder::{Builder, Kind, index};
@@ -35,7 +35,6 @@ pub(crate) struct ObjectKind {
     /// Number of instances.
     pub(crate) instances: u32,
     recipe: Recipe,
-    skins: usize,
     levels: Levels,
     /// The kind whose levels it shows. Two kinds of equal content are found only when their files are built.
     shown: usize,
@@ -93,8 +92,8 @@ impl ObjectScene {
     /// # Errors
     /// If the file is none that the export writes.
     pub(crate) fn take_levels(&mut self, kind: usize, glb: &[u8]) -> Result<(), Error> {
-        let ObjectKind { name, skins, levels, .. } = &mut self.kinds[kind];
-        *levels = Levels::take(&mut self.out, name, glb, *skins)?;
+        let ObjectKind { name, levels, .. } = &mut self.kinds[kind];
+        *levels = Levels::take(&mut self.out, name, glb)?;
         Ok(())
     }
 
@@ -138,7 +137,6 @@ impl ObjectKind {
             faces: object.mesh_nodes.iter().map(|&node| faces(out, object, node)).sum(),
             instances: 0,
             recipe,
-            skins: skins_of(out, object).len(),
             levels: Levels::default(),
             shown: number,
         }
