@@ -15,12 +15,12 @@ pub(crate) const FILE: &str = "village.glb";
 /// Radius of the village in metres.
 pub(crate) const RADIUS: f32 = 62.0;
 
-/// The settings of the file: levels for each object, small textures, and no refinement, so that the first start is quick.
+/// The settings of the file: levels for each object, and what makes the first start quick.
 const META: &str = r#"(
     meta_format_version: "1.0",
     asset: Process(
         processor: "bevy_simpliguard::SimpliguardProcess",
-        settings: (scope: Objects, quality: Draft, texture_size: 256),
+        settings: (scope: Objects, quality: Draft, candidates: Source, texture_size: 256, views: 16, view_size: 256),
     ),
 )
 "#;
