@@ -124,10 +124,11 @@ impl Worker {
         for warning in report.all_levels().filter_map(|level| level.warning.as_ref()) {
             warn!("{path}: {warning}");
         }
-        // Warnings of levels are among the notes.
-        let is_told =
-            |note: &&String| !report.all_levels().any(|l| l.warning.as_ref().is_some_and(|w| note.ends_with(w)));
-        report.notes.iter().filter(is_told).for_each(|note| info!("{path}: {note}"));
+        // What is known of each object of a scene is in the report.
+        if report.objects.is_empty() {
+            let warnings: Vec<&String> = report.levels.iter().filter_map(|level| level.warning.as_ref()).collect();
+            report.notes.iter().filter(|note| !warnings.contains(note)).for_each(|note| info!("{path}: {note}"));
+        }
         Ok(BakeFinished { path, report, duration })
     }
 
