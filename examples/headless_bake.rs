@@ -60,8 +60,12 @@ fn report(
 ) {
     for bake in finished.read() {
         let levels: Vec<_> = bake.report.levels.iter().map(|level| level.faces.to_string()).collect();
+        let levels = match bake.report.objects.len() {
+            0 => levels.join(", "),
+            objects => format!("levels of {objects} kinds of objects"),
+        };
         let seconds = bake.duration.as_secs_f32();
-        println!("{}: {} triangles to {} in {seconds:.1} s", bake.path, bake.report.source_faces, levels.join(", "));
+        println!("{}: {} triangles to {levels} in {seconds:.1} s", bake.path, bake.report.source_faces);
         outcome.baked += 1;
     }
     for bake in failed.read() {

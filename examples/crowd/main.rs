@@ -11,10 +11,11 @@
 //! back until then: the first start bakes it, later ones take the result from the cache.
 
 mod octopuses;
+#[path = "../shared/timing.rs"]
+mod timing;
 
 use std::collections::VecDeque;
 use std::path::PathBuf;
-use std::time::Duration;
 
 use bevy::asset::AssetMode;
 use bevy::camera::Hdr;
@@ -27,26 +28,7 @@ use bevy_simpliguard::{BakeFailed, BakeMode, LodSettings, LodStats, OverlayPlugi
 use clap::Parser;
 
 use octopuses::{Crowd, MODEL, Place, complete};
-
-/// What is drawn before a measurement: shaders and textures come late, and frames on their way were begun before.
-const WARM_UP: Span = Span { frames: 5, time: Duration::from_secs(5), least: 3 };
-
-/// What is measured.
-const MEASURED: Span = Span { frames: 120, time: Duration::from_secs(10), least: 3 };
-
-/// So many frames or so much time, whichever is reached first, but not less than the least of frames.
-struct Span {
-    frames: usize,
-    time: Duration,
-    least: usize,
-}
-
-impl Span {
-    fn is_over(&self, frames: &[Duration]) -> bool {
-        let count = frames.len();
-        count >= self.frames || count >= self.least && frames.iter().sum::<Duration>() >= self.time
-    }
-}
+use timing::{Timer, Timing};
 
 #[derive(Parser, Resource, Clone)]
 struct Options {
@@ -145,18 +127,10 @@ fn give_up(mut failed: MessageReader<BakeFailed>, mut exit: MessageWriter<AppExi
 #[derive(Resource)]
 struct Measurements {
     left: VecDeque<(Place, bool)>,
-    is_warm: bool,
-    frames: Vec<Duration>,
-    with_levels: Option<Timing>,
+    timer: Timer,
+    /// With the triangles that were drawn.
+    with_levels: Option<(Timing, u64)>,
     is_exposing: bool,
-}
-
-#[derive(Clone, Copy)]
-struct Timing {
-    mean: f64,
-    /// 95 % of the frames take no longer.
-    p95: f64,
-    triangles: u64,
 }
 
 impl Measurements {
@@ -164,26 +138,7 @@ impl Measurements {
         let both = |place| [(place, true), (place, false)];
         let all = [Place::Near, Place::Middle, Place::Far].into_iter().flat_map(both);
         let left = if options.stay { VecDeque::new() } else { all.collect() };
-        Self { left, is_warm: false, frames: Vec::new(), with_levels: None, is_exposing: false }
-    }
-
-    /// Takes in a frame; the timing once it was the last.
-    fn add(&mut self, frame: Duration, triangles: u64) -> Option<Timing> {
-        self.frames.push(frame);
-        let span = if self.is_warm { MEASURED } else { WARM_UP };
-        if !span.is_over(&self.frames) {
-            return None;
-        }
-        let mut frames = std::mem::take(&mut self.frames);
-        self.is_warm = !self.is_warm;
-        if self.is_warm {
-            return None;
-        }
-        frames.sort_unstable();
-        let (count, total) = (frames.len(), frames.iter().sum::<Duration>());
-        let p95 = frames[(count * 95).div_ceil(100) - 1];
-        let milliseconds = |time: Duration| 1e3 * time.as_secs_f64();
-        Some(Timing { mean: milliseconds(total) / count as f64, p95: milliseconds(p95), triangles })
+        Self { left, timer: Timer::default(), with_levels: None, is_exposing: false }
     }
 }
 
@@ -210,10 +165,11 @@ fn measure(
     if settings.enabled != enabled {
         settings.enabled = enabled;
     }
-    let Some(timing) = all.add(time.delta(), stats.triangles) else { return };
+    let Some(timing) = all.timer.add(time.delta()) else { return };
+    let result = (timing, stats.triangles);
     all.left.pop_front();
     if enabled {
-        all.with_levels = Some(timing);
+        all.with_levels = Some(result);
         if let Some(folder) = &options.screenshot {
             let _ = std::fs::create_dir_all(folder);
             let path = folder.join(format!("crowd_{place:?}.png").to_lowercase());
@@ -222,12 +178,12 @@ fn measure(
         }
     } else if let Some(with) = all.with_levels.take() {
         let name = format!("{place:?}").to_lowercase();
-        let line = |timing: Timing| {
-            format!("{} triangles: mean {:.1} ms, 95 % {:.1} ms", thousands(timing.triangles), timing.mean, timing.p95)
+        let line = |(timing, triangles): (Timing, u64)| {
+            format!("{} triangles: mean {:.1} ms, 95 % {:.1} ms", thousands(triangles), timing.mean, timing.p95)
         };
         println!("{name}, {} octopuses", thousands(crowd.count.into()));
         println!("  levels of detail   {}", line(with));
-        println!("  source             {}", line(timing));
-        println!("  {:.1} times as fast", timing.mean / with.mean);
+        println!("  source             {}", line(result));
+        println!("  {:.1} times as fast", timing.mean / with.0.mean);
     }
 }

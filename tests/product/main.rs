@@ -6,6 +6,7 @@ mod bake;
 mod bevy_cli;
 mod crowd;
 mod docs;
+mod objects;
 mod plugin;
 mod pops;
 mod scene;

@@ -1,11 +1,12 @@
 //! The cached bake: key, look-up, single flight, bake, store.
 
-use simpliguard::settings::BakeSettings;
-use simpliguard::{Context, Error, Key, Source, StageStore, bake_key};
+use simpliguard::settings::{BakeSettings, Scope};
+use simpliguard::{Context, Error, Key, ProgressSink, SceneBake, Source, StageStore, bake_key};
 use simpliguard_cache::{Cache, Flight, Lookup, SingleFlight};
 
 use crate::host::{Host, Notice};
-use crate::result::{BakeResult, Parts};
+use crate::object_host::ObjectHost;
+use crate::result::{BakeResult, Parts, catch_panics};
 use crate::stage_objects::StageObjects;
 
 /// A bake whose result may be in a cache.
@@ -49,16 +50,32 @@ impl<'a> CachedBake<'a> {
     }
 
     /// Finds the result in the cache, or bakes and stores it. If another thread or process bakes the same, waits for
-    /// it. `context` has no stage store of its own: the stages use the cache.
+    /// it. `context` has no stage store of its own: the stages use the cache. With `scope: Objects`, each object is a cached
+    /// bake of its own.
     ///
     /// The wait blocks the thread. Never call this on a thread that [`Host::compute`] needs.
     ///
     /// # Errors
     /// Those of the pipeline and of [`Host::begin`]; [`Error::Cancelled`] if the wait or the bake is cancelled.
     pub fn run(&self, context: &Context<'_>, host: &impl Host) -> Result<Outcome, Error> {
+        self.find_or_make(context, host, || {
+            host.begin()?;
+            match self.settings.scope {
+                Scope::Scene => self.bake(context, host),
+                Scope::Objects => self.bake_objects(context, host),
+            }
+        })
+    }
+
+    fn find_or_make(
+        &self,
+        context: &Context<'_>,
+        host: &impl Host,
+        make: impl FnOnce() -> Result<BakeResult, Error>,
+    ) -> Result<Outcome, Error> {
         let outcome = |result, is_cached| Outcome { key: self.key, result, is_cached };
         let Some(cache) = self.cache else {
-            return Ok(outcome(self.bake(context, host)?, false));
+            return Ok(outcome(make()?, false));
         };
         let flight = Flight {
             key: &self.key,
@@ -68,7 +85,7 @@ impl<'a> CachedBake<'a> {
         };
         let find = || look_up(cache, &self.key, self.parts, |notice| host.notify(notice));
         let take = |entry| BakeResult::from_entry(entry).filter(|result| self.parts.are_in(result));
-        let make = || self.bake(context, host).inspect(|result| self.store(cache, result, host));
+        let make = || make().inspect(|result| self.store(cache, result, host));
         match cache.single_flight(&flight, find, take, make)? {
             SingleFlight::Found(result) => Ok(outcome(result, true)),
             SingleFlight::Made(result) => Ok(outcome(result, false)),
@@ -77,11 +94,32 @@ impl<'a> CachedBake<'a> {
     }
 
     fn bake(&self, context: &Context<'_>, host: &impl Host) -> Result<BakeResult, Error> {
-        host.begin()?;
         let stages = self.cache.map(StageObjects);
         let stages = stages.as_ref().map(|stages| stages as &dyn StageStore);
         let context = Context { stages, ..context.clone() };
         host.compute(|| BakeResult::compute(&self.source, self.settings, &context, self.parts))
+    }
+
+    /// Bakes the objects of a scene that no cache has, one after another.
+    fn bake_objects(&self, context: &Context<'_>, host: &impl Host) -> Result<BakeResult, Error> {
+        let asset = self.source.name;
+        let open = || SceneBake::open(&self.source, self.settings, context);
+        let Some(mut scene) = host.compute(|| catch_panics(asset, open))? else {
+            return self.bake(context, host);
+        };
+        while let Some(object) = host.compute(|| catch_panics(asset, || scene.next_object()))? {
+            context.check(asset)?;
+            let progress = context.progress.map(|sink| scene.progress(&object, sink));
+            let progress = progress.as_ref().map(|progress| progress as &dyn ProgressSink);
+            let own = Context { progress, preview: None, ..context.clone() };
+            let outcome = CachedBake::new(object.source(), &object.settings, Parts::Combined, self.cache)
+                .and_then(|bake| bake.find_or_make(&own, &ObjectHost(host), || bake.bake(&own, host)));
+            outcome.iter().for_each(|outcome| host.object(&object.name, outcome.is_cached));
+            let result = outcome.map(|Outcome { result, .. }| (result.combined, result.report));
+            host.compute(|| catch_panics(asset, || scene.take(&object, result)))?;
+        }
+        let baked = host.compute(|| catch_panics(asset, || scene.finish()))?;
+        Ok(BakeResult { combined: baked.glb, levels: Vec::new(), sheet: None, report: baked.report })
     }
 
     /// A storage error never fails a bake.

@@ -57,4 +57,7 @@ pub trait Host {
 
     /// Takes an event. Called on the thread that runs the cached bake.
     fn notify(&self, notice: Notice);
+
+    /// Told of each object of a scene that has its levels, and whether the cache had them.
+    fn object(&self, _name: &str, _is_cached: bool) {}
 }

@@ -4,13 +4,14 @@
 //! key -> look-up (local cache, shared cache) -> single flight -> look-up (local cache) -> bake -> store
 //! ```
 //!
-//! [`CachedBake::run`] is this way. [`Host`] is the program around it: its threads, its messages and its shutdown.
+//! [`CachedBake::run`] is this way. With `scope: Objects` it goes this way for each object of a scene. [`Host`] is the program around it: its threads, its messages and its shutdown.
 //! [`look_up`] looks in the local cache alone and bakes nothing. [`open_cache`] finds the cache of a
 //! project.
 
 mod cached;
 mod host;
 mod memory;
+mod object_host;
 mod place;
 mod result;
 mod stage_objects;

@@ -76,13 +76,7 @@ impl BakeResult {
         context: &Context<'_>,
         parts: Parts<'_>,
     ) -> Result<Self, Error> {
-        let run = || run_pipeline(source, settings, context, parts.sheet());
-        catch_unwind(AssertUnwindSafe(run)).unwrap_or_else(|panic| {
-            let text = panic.downcast_ref::<&str>().map(|s| (*s).to_owned());
-            let text = text.or_else(|| panic.downcast_ref::<String>().cloned()).unwrap_or_default();
-            let found = format!("internal error: {text}");
-            Err(Error::invalid(source.name, StageId::Export, found, "this is a bug; please report it with the file"))
-        })
+        catch_panics(source.name, || run_pipeline(source, settings, context, parts.sheet()))
     }
 
     /// The form in the cache.
@@ -140,6 +134,16 @@ fn budget_of(name: &str) -> Option<u32> {
     name.strip_prefix(LEVEL_PREFIX)?.strip_suffix(LEVEL_SUFFIX)?.parse().ok()
 }
 
+/// Runs a part of the pipeline. A panic in it is a bug; it becomes [`Error::Invalid`].
+pub(crate) fn catch_panics<T>(asset: &str, work: impl FnOnce() -> Result<T, Error>) -> Result<T, Error> {
+    catch_unwind(AssertUnwindSafe(work)).unwrap_or_else(|panic| {
+        let text = panic.downcast_ref::<&str>().map(|s| (*s).to_owned());
+        let text = text.or_else(|| panic.downcast_ref::<String>().cloned()).unwrap_or_default();
+        let found = format!("internal error: {text}");
+        Err(Error::invalid(asset, StageId::Export, found, "this is a bug; please report it with the file"))
+    })
+}
+
 fn check_object(name: &str, bytes: &[u8]) -> Result<(), String> {
     match name {
         REPORT => serde_json::from_slice(bytes).map(|_: Report| ()).map_err(|e| format!("it is no report: {e}")),
@@ -181,6 +185,7 @@ mod tests {
             status: Status::Baked,
             source_faces: 9,
             levels: Vec::new(),
+            objects: Vec::new(),
             notes: vec!["a note".into()],
             seconds: vec![("simplify".into(), 1.5)],
         };

@@ -22,10 +22,11 @@ pub(crate) struct LevelNode {
     pub(crate) node: usize,
 }
 
-/// The levels of a document, the smallest first. None if it is no output of `bake`.
+/// The levels of a document as a whole, the smallest first. None if it is no output of `bake`, or one with levels for each
+/// object.
 pub(crate) fn levels_of(json: &Value) -> Vec<LevelNode> {
     let level = |(index, node): (usize, &Value)| {
-        let own = node.get("extras")?.get("simpliguard")?;
+        let own = node.get("extras")?.get("simpliguard").filter(|own| own.get("object").is_none())?;
         let number = own.get("level")?.as_u64()?;
         Some(LevelNode {
             level: number,

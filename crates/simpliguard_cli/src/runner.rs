@@ -1,6 +1,6 @@
 //! The runner: finds the results of models in the cache or bakes them, one after another, each on all threads.
 
-use std::cell::RefCell;
+use std::cell::{Cell, RefCell};
 use std::collections::{BTreeMap, BTreeSet};
 use std::num::NonZeroUsize;
 use std::path::PathBuf;
@@ -52,6 +52,8 @@ pub(crate) struct Request<'a> {
 struct JobHost<'a> {
     runner: &'a Runner<'a>,
     request: &'a Request<'a>,
+    /// Objects of a scene that were baked, and those that the cache had.
+    objects: Cell<[u32; 2]>,
 }
 
 impl Host for JobHost<'_> {
@@ -74,6 +76,12 @@ impl Host for JobHost<'_> {
         } else {
             self.request.progress.note(&notice.to_string());
         }
+    }
+
+    fn object(&self, _: &str, is_cached: bool) {
+        let mut objects = self.objects.get();
+        objects[usize::from(is_cached)] += 1;
+        self.objects.set(objects);
     }
 }
 
@@ -132,7 +140,15 @@ impl<'a> Runner<'a> {
         let bake = CachedBake::new(file.source(), settings, parts, cache.as_deref())?;
         let stage = LastStage::new(progress);
         let context = Context { progress: Some(&stage), memory: Some(self.memory), ..Context::default() };
-        let run = || bake.run(&context, &JobHost { runner: self, request });
+        let run = || {
+            let host = JobHost { runner: self, request, objects: Cell::default() };
+            let outcome = bake.run(&context, &host);
+            let [baked, found] = host.objects.get();
+            if baked + found > 0 {
+                progress.note(&format!("kinds of objects: {baked} baked, {found} from the cache"));
+            }
+            outcome
+        };
         deadline::within(self.models.timeout, (&job.name, &stage), &context.cancellation, run)
     }
 

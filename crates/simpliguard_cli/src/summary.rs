@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use serde::Serialize;
-use simpliguard::{LevelReport, Printable, Status};
+use simpliguard::{LevelReport, ObjectReport, Printable, Status};
 use simpliguard_bake::Outcome;
 use simpliguard_cache::{Counters, Durability, write_atomic};
 
@@ -30,6 +30,9 @@ pub(crate) struct JobReport {
     cached: bool,
     error: Option<String>,
     levels: Vec<Level>,
+    /// The objects of a scene that was baked with `scope: Objects`.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    objects: Vec<ObjectReport>,
     /// The bars of the gate that levels miss. Null without `--gate`, and if nothing was written.
     gate: Option<Vec<Miss>>,
     /// The contact sheet. Null if there is none.
@@ -101,6 +104,7 @@ impl JobReport {
             cached,
             error: None,
             levels,
+            objects: report.objects,
             gate,
             sheet: written.sheet.map(|path| path.display().to_string()),
             turntable: written.turntable.map(|path| path.display().to_string()),
@@ -119,6 +123,7 @@ impl JobReport {
             cached: false,
             error: Some(error),
             levels: Vec::new(),
+            objects: Vec::new(),
             gate: None,
             sheet: None,
             turntable: None,
@@ -146,6 +151,10 @@ impl JobReport {
         let mut text = format!("{} in {}", self.status.replace('_', " "), self.time());
         for miss in self.missed() {
             text += &format!("\nerror: {}", Printable(&miss.line(&self.input)));
+        }
+        if !self.objects.is_empty() {
+            let instances: u32 = self.objects.iter().map(|object| object.instances).sum();
+            text += &format!("\n  note: {instances} objects of {} kinds have levels", self.objects.len());
         }
         for note in &self.notes {
             text += &format!("\n  note: {}", Printable(note));

@@ -101,7 +101,7 @@ pub(super) fn deliver(
                 messages.progress.write(message);
             }
             Event::Finished(key, message) => {
-                let warnings = message.report.levels.iter().filter_map(|level| level.warning.clone()).collect();
+                let warnings = message.report.all_levels().filter_map(|level| level.warning.clone()).collect();
                 bakes.advance(&message.path, key, BakeStatus::Done { duration: message.duration, warnings });
                 messages.finished.write(message);
             }

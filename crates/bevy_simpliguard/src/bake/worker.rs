@@ -121,8 +121,13 @@ impl Worker {
             return Err(Stop::Superseded);
         }
         info!("{}", summary(&path, &report, duration));
-        for warning in report.levels.iter().filter_map(|level| level.warning.as_ref()) {
+        for warning in report.all_levels().filter_map(|level| level.warning.as_ref()) {
             warn!("{path}: {warning}");
+        }
+        // What is known of each object of a scene is in the report.
+        if report.objects.is_empty() {
+            let warnings: Vec<&String> = report.levels.iter().filter_map(|level| level.warning.as_ref()).collect();
+            report.notes.iter().filter(|note| !warnings.contains(note)).for_each(|note| info!("{path}: {note}"));
         }
         Ok(BakeFinished { path, report, duration })
     }
@@ -224,6 +229,12 @@ impl PreviewSink for WorkerHost<'_> {
 fn summary(path: &AssetPath<'static>, report: &Report, duration: Duration) -> String {
     let faces: Vec<String> = report.levels.iter().map(|level| level.faces.to_string()).collect();
     match report.status {
+        Status::Baked if !report.objects.is_empty() => format!(
+            "{path}: {} triangles, levels of {} kinds of objects after {:.1} s",
+            report.source_faces,
+            report.objects.len(),
+            duration.as_secs_f64()
+        ),
         Status::Baked => format!(
             "{path}: {} triangles, levels of {} after {:.1} s",
             report.source_faces,

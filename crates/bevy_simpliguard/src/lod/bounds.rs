@@ -1,7 +1,7 @@
-//! The bounding box of a model in scene space, from its most detailed level.
+//! The bounding box of a model in the space of its levels, from its most detailed level.
 //!
-//! It is taken from the level and not from the source, because the level's vertices are known in scene space: those of
-//! a static level are stored in scene space, and those of a skinned level are skinned in the rest pose. The boxes of
+//! It is taken from the level and not from the source, because the level's vertices are known in that space: those of a
+//! static level are stored in it, and those of a skinned level are skinned in the rest pose. The boxes of
 //! the source are known per node only, and the union of rotated boxes is too large. With `source: Drop` there are none.
 
 use bevy::math::{Mat4, Vec3};
@@ -39,18 +39,18 @@ pub(super) fn own(primitive: &gltf::Primitive<'_>) -> Bounds {
     Bounds { min: bounds.min.into(), max: bounds.max.into() }
 }
 
-/// The box of a skinned primitive of `node`, in scene space and in the rest pose. `None` if data for skinning is
-/// missing.
+/// The box of a skinned primitive of `node` in the rest pose, in the space that `into_space` leads to from the scene.
+/// `rest` has the transforms of the nodes. `None` if data for skinning is missing.
 pub(super) fn skinned(
-    document: &gltf::Document,
+    rest: &[Mat4],
+    into_space: Mat4,
     node: &Node<'_>,
     primitive: &gltf::Primitive<'_>,
     buffers: &[Vec<u8>],
 ) -> Option<Bounds> {
     let bytes = |buffer: gltf::Buffer<'_>| buffers.get(buffer.index()).map(Vec::as_slice);
     let skin = node.skin()?;
-    let rest = rest_pose(document);
-    let mut joints: Vec<Mat4> = skin.joints().map(|joint| rest[joint.index()]).collect();
+    let mut joints: Vec<Mat4> = skin.joints().map(|joint| into_space * rest[joint.index()]).collect();
     if let Some(inverse_binds) = skin.reader(bytes).read_inverse_bind_matrices() {
         joints.iter_mut().zip(inverse_binds).for_each(|(joint, inverse)| *joint *= Mat4::from_cols_array_2d(&inverse));
     }
@@ -62,21 +62,4 @@ pub(super) fn skinned(
         indices.iter().zip(weights).map(|(&index, weight)| weight * matrix(index).transform_point3(position)).sum()
     });
     Bounds::of(points)
-}
-
-/// The transforms from the space of each node to the scene, in the rest pose.
-fn rest_pose(document: &gltf::Document) -> Vec<Mat4> {
-    let local: Vec<Mat4> = document.nodes().map(|n| Mat4::from_cols_array_2d(&n.transform().matrix())).collect();
-    let mut parent = vec![None; local.len()];
-    for node in document.nodes() {
-        for child in node.children() {
-            parent[child.index()] = Some(node.index());
-        }
-    }
-    let world = |node: usize| {
-        // The loader refuses files with cycles later. Here the walk only has to end.
-        let up = std::iter::successors(Some(node), |&n| parent[n]).take(local.len());
-        up.fold(Mat4::IDENTITY, |below, n| local[n] * below)
-    };
-    (0..local.len()).map(world).collect()
 }

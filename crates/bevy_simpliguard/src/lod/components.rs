@@ -33,7 +33,9 @@ impl Default for LodSettings {
     }
 }
 
-/// The levels of one model instance, on the entity with its [`WorldAssetRoot`].
+/// The levels of one model instance, on the entity with its [`WorldAssetRoot`]. In a scene that was baked with `scope:
+/// Objects`, each object has its own, on the entity of its node. Then `force`, `bias` and `enabled` of the entity with
+/// the [`WorldAssetRoot`], if a game gives it this component, are for all objects of the scene.
 ///
 /// It is added to every instance that has levels, in the `PostUpdate` of the frame in which the instance is spawned. A
 /// game that needs other values from the start spawns it with the instance. `force`, `bias` and `enabled` are kept when
@@ -94,7 +96,7 @@ pub struct LodPrimitive {
 }
 
 /// All levels of one instance, which switch together. It is on the root entity of the scene, a child of the entity with
-/// [`SimpliguardLods`].
+/// [`SimpliguardLods`]. That of an object is on the entity of the object's node, beside its [`SimpliguardLods`].
 #[derive(Component, Reflect, Clone, Debug)]
 #[reflect(Component, Clone)]
 pub struct LodGroup {

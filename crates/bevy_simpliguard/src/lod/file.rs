@@ -1,6 +1,10 @@
-//! The levels in a combined file: `MSFT_lod` on one node, and `extras.simpliguard` on the nodes that it lists.
+//! The levels in a baked file, by what their nodes say in `extras.simpliguard`: those of the whole scene, which `MSFT_lod`
+//! of one node lists, or those of each object.
+
+use std::collections::{BTreeMap, HashMap, HashSet};
 
 use bevy::log::{debug, warn};
+use bevy::math::Mat4;
 use gltf::json::{Value, deserialize};
 use gltf::mesh::Mode;
 use serde::Deserialize;
@@ -8,8 +12,24 @@ use serde::Deserialize;
 /// The levels of a file, and its document.
 pub(super) struct LodFile {
     pub(super) document: gltf::Document,
-    /// Index of the node with `MSFT_lod`.
+    /// The transforms from the space of each node to the scene, in the rest pose.
+    pub(super) rest: Vec<Mat4>,
+    /// Not empty. One group for the whole scene, or one for each object.
+    pub(super) groups: Vec<FileGroup>,
+    /// The groups whose most detailed level has a mesh, by that mesh.
+    pub(super) by_mesh: HashMap<usize, Vec<usize>>,
+    /// Materials of levels that are seen mirrored.
+    pub(super) mirrored: HashSet<usize>,
+}
+
+/// Levels that switch together.
+pub(super) struct FileGroup {
+    /// Index of the node that holds the levels: that of the object, or the one with `MSFT_lod`.
     pub(super) holder: usize,
+    /// True for the levels of one object, false for those of the whole scene.
+    pub(super) is_object: bool,
+    /// The node in whose space the levels lie; `None` for the space of the scene.
+    pub(super) space: Option<usize>,
     /// Indices of the nodes whose meshes the levels stand for.
     pub(super) replaces: Vec<usize>,
     /// The levels in falling detail. Not empty.
@@ -39,28 +59,113 @@ struct Stamp {
     faces: u32,
     error: f32,
     replaces: Vec<usize>,
+    /// The node of the object. Only levels of objects have one.
+    object: Option<usize>,
+    space: Option<usize>,
 }
 
 impl LodFile {
     /// The levels of a document. `None` if it has none, or only levels of another tool.
     pub(super) fn read(document: &gltf::Document, name: &str) -> Option<Self> {
-        document.nodes().find_map(|holder| {
-            let ids = level_nodes(holder.extension_value("MSFT_lod")?);
-            let stamps: Vec<_> = ids.into_iter().filter_map(|id| Some((id, stamp(document, id, name)?))).collect();
-            let Some((_, first)) = stamps.first() else {
-                debug!("{name}: MSFT_lod of node {} is not by simpliguard and left alone", holder.index());
-                return None;
-            };
-            let replaces = first.replaces.clone();
-            let mut levels: Vec<FileLevel> = stamps.into_iter().map(|(node, s)| FileLevel::new(node, &s)).collect();
-            levels.sort_by_key(|level| std::cmp::Reverse(level.budget));
-            Some(Self { document: document.clone(), holder: holder.index(), replaces, levels })
-        })
+        let objects = objects(document, name);
+        let groups = if objects.is_empty() { whole(document, name).into_iter().collect() } else { objects };
+        if groups.is_empty() {
+            return None;
+        }
+        let (mut by_mesh, mut mirrored) = (HashMap::<usize, Vec<usize>>::new(), HashSet::new());
+        let rest = rest_pose(document);
+        let mesh_of = |level: &FileLevel| document.nodes().nth(level.node)?.mesh();
+        for (number, group) in groups.iter().enumerate() {
+            if let Some(mesh) = group.levels.first().and_then(mesh_of) {
+                by_mesh.entry(mesh.index()).or_default().push(number);
+            }
+            if group.is_mirrored(&rest) {
+                let meshes = group.levels.iter().filter_map(mesh_of);
+                mirrored.extend(meshes.flat_map(|mesh| mesh.primitives()).filter_map(|p| p.material().index()));
+            }
+        }
+        Some(Self { document: document.clone(), rest, groups, by_mesh, mirrored })
     }
 
     pub(super) fn node(&self, index: usize) -> Option<gltf::Node<'_>> {
         self.document.nodes().nth(index)
     }
+
+    /// The transform from the space of a group's levels to the scene, in the rest pose.
+    pub(super) fn space_of(&self, group: &FileGroup) -> Mat4 {
+        group.space(&self.rest)
+    }
+}
+
+impl FileGroup {
+    fn new(holder: usize, stamps: Vec<(usize, Stamp)>) -> Option<Self> {
+        let (_, first) = stamps.first()?;
+        let (is_object, space, replaces) = (first.object.is_some(), first.space, first.replaces.clone());
+        let mut levels: Vec<FileLevel> = stamps.into_iter().map(|(node, s)| FileLevel::new(node, &s)).collect();
+        levels.sort_by_key(|level| std::cmp::Reverse(level.budget));
+        Some(Self { holder, is_object, space, replaces, levels })
+    }
+
+    /// The nodes that a scene must have.
+    pub(super) fn nodes(&self) -> impl Iterator<Item = &usize> {
+        std::iter::once(&self.holder).chain(&self.space).chain(&self.replaces)
+    }
+
+    /// True if triangles turn their backs in the space of the levels.
+    pub(super) fn is_mirrored(&self, rest: &[Mat4]) -> bool {
+        self.space(rest).determinant() < 0.0
+    }
+
+    fn space(&self, rest: &[Mat4]) -> Mat4 {
+        self.space.and_then(|space| rest.get(space).copied()).unwrap_or(Mat4::IDENTITY)
+    }
+}
+
+/// The levels of each object, in the order of their nodes.
+fn objects(document: &gltf::Document, name: &str) -> Vec<FileGroup> {
+    let mut by_object: BTreeMap<usize, Vec<(usize, Stamp)>> = BTreeMap::new();
+    for (stamp, node) in document.nodes().filter_map(|node| Some((stamp(&node)?, node))) {
+        if let Some(object) = stamp.object.filter(|_| is_usable(&node, &stamp, name)) {
+            by_object.entry(object).or_default().push((node.index(), stamp));
+        }
+    }
+    by_object.into_iter().filter_map(|(object, stamps)| FileGroup::new(object, stamps)).collect()
+}
+
+/// The levels of the whole scene.
+fn whole(document: &gltf::Document, name: &str) -> Option<FileGroup> {
+    document.nodes().find_map(|holder| {
+        let ids = level_nodes(holder.extension_value("MSFT_lod")?);
+        let stamp = |id: usize| {
+            let node = document.nodes().nth(id)?;
+            Some((id, stamp(&node).filter(|stamp| is_usable(&node, stamp, name))?))
+        };
+        let group = FileGroup::new(holder.index(), ids.into_iter().filter_map(stamp).collect());
+        if group.is_none() {
+            debug!("{name}: MSFT_lod of node {} is not by simpliguard and left alone", holder.index());
+        }
+        group
+    })
+}
+
+/// The transforms from the space of each node to the scene, in the rest pose.
+fn rest_pose(document: &gltf::Document) -> Vec<Mat4> {
+    let local: Vec<Mat4> = document.nodes().map(|n| Mat4::from_cols_array_2d(&n.transform().matrix())).collect();
+    let mut is_child = vec![false; local.len()];
+    for child in document.nodes().flat_map(|node| node.children()) {
+        is_child[child.index()] = true;
+    }
+    let mut rest = local;
+    let mut open: Vec<gltf::Node<'_>> = document.nodes().filter(|node| !is_child[node.index()]).collect();
+    // The loader refuses nodes with two parents later. Here the walk only has to end.
+    let mut is_done = vec![false; rest.len()];
+    while let Some(node) = open.pop() {
+        for child in node.children().filter(|child| !std::mem::replace(&mut is_done[child.index()], true)) {
+            rest[child.index()] = rest[node.index()] * rest[child.index()];
+            open.push(child);
+        }
+    }
+    rest
 }
 
 impl FileLevel {
@@ -74,16 +179,19 @@ fn level_nodes(extension: &Value) -> Vec<usize> {
     ids.into_iter().flatten().filter_map(|id| usize::try_from(id.as_u64()?).ok()).collect()
 }
 
-/// The stamp of a level node. `None` if the node is no level of this program, or cannot be used.
-fn stamp(document: &gltf::Document, node: usize, name: &str) -> Option<Stamp> {
-    let node = document.nodes().nth(node)?;
+/// The stamp of a level node. `None` if the node is no level of this program.
+fn stamp(node: &gltf::Node<'_>) -> Option<Stamp> {
     let extras = node.extras().as_ref()?;
-    let stamp = deserialize::from_str::<Extras>(extras.get()).ok()?.simpliguard;
+    Some(deserialize::from_str::<Extras>(extras.get()).ok()?.simpliguard)
+}
+
+/// Tells whether a level can be used; if not, the log says so.
+fn is_usable(node: &gltf::Node<'_>, stamp: &Stamp, name: &str) -> bool {
     let is_usable = stamp.level > 0 && stamp.error.is_finite() && stamp.error >= 0.0 && node.mesh().is_some();
     if !is_usable {
         warn!("{name}: node {} is a damaged level and is left out; bake the model again", node.index());
     }
-    is_usable.then_some(stamp)
+    is_usable
 }
 
 /// Number of triangles that a primitive draws.
@@ -137,9 +245,30 @@ mod tests {
     #[test]
     fn levels_come_in_falling_detail_with_what_they_replace() {
         let file = read(json!([holder(json!([1, 2])), level(1, 10, 0.5), level(2, 20, 0.25)])).expect("levels");
-        assert_eq!((file.holder, &file.replaces[..]), (0, &[0, 3][..]));
+        let [group] = &file.groups[..] else { panic!("one group") };
+        assert_eq!((group.holder, group.is_object, &group.replaces[..]), (0, false, &[0, 3][..]));
         let expected = |node, level, budget, error| FileLevel { node, level, budget, faces: budget - 1, error };
-        assert_eq!(file.levels, [expected(2, 2, 20, 0.25), expected(1, 1, 10, 0.5)]);
+        assert_eq!(group.levels, [expected(2, 2, 20, 0.25), expected(1, 1, 10, 0.5)]);
+    }
+
+    #[test]
+    fn each_object_has_its_levels() {
+        let of = |object: usize, number, error| {
+            let mut node = level(number, 10 * number, error);
+            node["extras"]["simpliguard"]["object"] = json!(object);
+            node["extras"]["simpliguard"]["space"] = json!(object);
+            node
+        };
+        let mirrored = json!({ "mesh": 0, "scale": [1, -1, 1], "children": [2] });
+        let moved = json!({ "mesh": 0, "translation": [3, 0, 0] });
+        let nodes = json!([{}, mirrored, moved, of(2, 1, 0.5), of(1, 1, 0.5), of(2, 2, 0.25)]);
+        let file = read(nodes).expect("levels");
+        let groups: Vec<_> =
+            file.groups.iter().map(|g| (g.holder, g.levels.len(), g.is_mirrored(&file.rest))).collect();
+        assert_eq!(groups, [(1, 1, true), (2, 2, true)]);
+        assert_eq!(file.groups[1].levels[0].node, 5, "the most detailed comes first");
+        assert_eq!(file.by_mesh[&0], [0, 1]);
+        assert_eq!(file.rest[2].transform_point3(bevy::math::Vec3::Y), bevy::math::vec3(3.0, -1.0, 0.0));
     }
 
     #[test]

@@ -1,7 +1,8 @@
-//! Builds the LOD group of a scene while Bevy's glTF loader builds the scene.
+//! Builds the LOD groups of a scene while Bevy's glTF loader builds the scene.
 //!
 //! Level nodes are in no scene, so the loader creates their meshes and materials but no entities. The handler spawns
-//! them under the root of the scene, as the loader would do, and inserts [`LodGroup`] into that root.
+//! them as the loader would do: levels of the whole scene under the root of the scene, which gets the [`LodGroup`], and
+//! those of an object under the node in whose space they lie. The node of the object gets the group.
 //!
 //! A mesh entity of a level gets its material from the other glTF handlers, through the same hook as the source: from
 //! the handler of bevy_pbr, so that this crate does not depend on it, and from those of a game with its own materials.
@@ -15,7 +16,9 @@ use bevy::camera::primitives::Aabb;
 use bevy::camera::visibility::{DynamicSkinnedMeshBounds, NoFrustumCulling};
 use bevy::gltf::convert_coordinates::GltfConvertCoordinates;
 use bevy::gltf::extensions::{ErasedGltfExtensionHandler, GltfExtensionHandler};
-use bevy::gltf::{GltfAssetLabel, GltfLoaderSettings, GltfMaterialName, GltfMeshName, GltfSkinnedMeshBoundsPolicy};
+use bevy::gltf::{
+    GltfAssetLabel, GltfLoaderSettings, GltfMaterial, GltfMaterialName, GltfMeshName, GltfSkinnedMeshBoundsPolicy,
+};
 use bevy::mesh::MeshVertexAttribute;
 use bevy::mesh::morph::MeshMorphWeights;
 use bevy::mesh::skinning::SkinnedMesh;
@@ -26,7 +29,7 @@ use bevy::tasks::ConditionalSendFuture;
 use super::bounds::{self, Bounds};
 use super::components::{LodGroup, LodLevel, LodMember, LodPrimitive};
 use super::fade::Show;
-use super::file::{self, FileLevel, LodFile};
+use super::file::{self, FileGroup, FileLevel, LodFile};
 use super::mipmaps::Mipmaps;
 
 /// Defaults of the loader settings that entities depend on. A file may override them.
@@ -45,8 +48,8 @@ pub(super) struct LodHandler {
     mipmaps: Option<Mipmaps>,
     /// The levels of the file that is being loaded, if it has any.
     file: Option<Arc<LodFile>>,
-    /// Box of the most detailed level in scene space.
-    bounds: Option<Bounds>,
+    /// Box of the most detailed level of each group, in the space of the levels.
+    bounds: HashMap<usize, Bounds>,
     /// Entities of the nodes of the scene that is being built.
     entities: HashMap<usize, Entity>,
 }
@@ -58,7 +61,7 @@ impl LodHandler {
         defaults: LoaderDefaults,
         mipmaps: Option<Mipmaps>,
     ) -> Self {
-        Self { others, defaults, mipmaps, file: None, bounds: None, entities: HashMap::default() }
+        Self { others, defaults, mipmaps, file: None, bounds: HashMap::default(), entities: HashMap::default() }
     }
 }
 
@@ -79,6 +82,29 @@ impl GltfExtensionHandler for LodHandler {
         self.file = LodFile::read(&gltf.document, &context.path().to_string()).map(Arc::new);
     }
 
+    /// Makes a second material for levels that are seen mirrored, as the loader does for meshes of the scene.
+    fn on_material(
+        &mut self,
+        context: &mut LoadContext<'_>,
+        material: &gltf::Material<'_>,
+        handle: Handle<GltfMaterial>,
+        asset: &GltfMaterial,
+        _: &str,
+    ) {
+        let is_mirrored = |index: &usize| self.file.as_ref().is_some_and(|file| file.mirrored.contains(index));
+        let Some(index) = material.index().filter(is_mirrored) else { return };
+        // Culling neither side shows the same: levels are closed, or double-sided anyway.
+        let inverted = GltfMaterial { cull_mode: None, ..asset.clone() };
+        let label = GltfAssetLabel::Material { index, is_scale_inverted: true }.to_string();
+        if context.has_labeled_asset(&label) {
+            return;
+        }
+        for other in self.others.iter_mut() {
+            other.on_material(context, material, handle.clone(), &inverted, &label);
+        }
+        context.add_labeled_asset(label, inverted);
+    }
+
     fn on_gltf_primitive(
         &mut self,
         context: &mut LoadContext<'_>,
@@ -91,13 +117,9 @@ impl GltfExtensionHandler for LodHandler {
         _: bool,
         _: &mut Option<Mesh>,
     ) -> impl ConditionalSendFuture<Output = ()> {
-        if let Some(file) = &self.file
-            && let Some(node) = file.levels.first().and_then(|level| file.node(level.node))
-            && node.mesh().is_some_and(|m| m.index() == mesh.index())
-        {
-            let skinned = bounds::skinned(&file.document, &node, primitive, buffers);
-            let bounds = skinned.unwrap_or_else(|| bounds::own(primitive));
-            self.bounds = Some(self.bounds.map_or(bounds, |b| b.union(bounds)));
+        if let Some(file) = self.file.clone() {
+            let groups = file.by_mesh.get(&mesh.index()).into_iter().flatten();
+            groups.for_each(|&group| self.extend_bounds(&file, group, primitive, buffers));
         }
         let mipmaps = self.mipmaps.as_mut().filter(|_| self.file.is_some());
         let images = mipmaps.map(|mipmaps| mipmaps.start(&primitive.material(), buffers));
@@ -125,15 +147,34 @@ impl GltfExtensionHandler for LodHandler {
         world: &mut World,
     ) {
         let entities = std::mem::take(&mut self.entities);
-        let (Some(file), Some(bounds)) = (self.file.clone(), self.bounds) else { return };
+        let Some(file) = self.file.clone() else { return };
         // Levels stand for all nodes that they were made from. A scene with only some of these nodes, or the scene of a
         // single level, gets no group.
-        if !std::iter::once(&file.holder).chain(&file.replaces).all(|node| entities.contains_key(node)) {
-            return;
-        }
+        let is_there = |group: &FileGroup| group.nodes().all(|node| entities.contains_key(node));
+        let groups = file.groups.iter().enumerate().filter(|(_, group)| is_there(group));
+        let groups: Vec<_> = groups.filter_map(|(i, group)| Some((group, *self.bounds.get(&i)?))).collect();
         let defaults = self.defaults;
-        let builder = SceneBuilder { context, world, root, file: &file, entities, others: &mut self.others, defaults };
-        builder.build(bounds);
+        let mut builder =
+            SceneBuilder { context, world, root, file: &file, entities, others: &mut self.others, defaults };
+        // The entities of all sources are found before levels become their neighbours.
+        let sources: Vec<_> = groups.iter().map(|(group, _)| builder.source(group)).collect();
+        for ((group, bounds), source) in groups.into_iter().zip(sources) {
+            builder.build(group, bounds, source);
+        }
+    }
+}
+
+impl LodHandler {
+    /// Extends the box of a group by a primitive of its most detailed level.
+    fn extend_bounds(&mut self, file: &LodFile, number: usize, primitive: &gltf::Primitive<'_>, buffers: &[Vec<u8>]) {
+        let group = &file.groups[number];
+        let Some(node) = group.levels.first().and_then(|level| file.node(level.node)) else { return };
+        let skinned = || {
+            node.skin()?;
+            bounds::skinned(&file.rest, file.space_of(group).inverse(), &node, primitive, buffers)
+        };
+        let bounds = skinned().unwrap_or_else(|| bounds::own(primitive));
+        self.bounds.entry(number).and_modify(|known| *known = known.union(bounds)).or_insert(bounds);
     }
 }
 
@@ -149,29 +190,61 @@ struct SceneBuilder<'a, 'c> {
     defaults: LoaderDefaults,
 }
 
+/// The place of a group's levels.
+#[derive(Clone, Copy)]
+struct Place<'a> {
+    file: &'a FileGroup,
+    /// The entity with the [`LodGroup`].
+    group: Entity,
+    /// The entity in whose space the levels lie.
+    parent: Entity,
+    is_mirrored: bool,
+}
+
 impl SceneBuilder<'_, '_> {
-    fn build(mut self, bounds: Bounds) {
-        let mut levels: Vec<LodLevel> = self.source().into_iter().collect();
-        levels.extend(self.file.levels.iter().filter_map(|level| self.spawn_level(level)));
+    fn build(&mut self, file: &FileGroup, bounds: Bounds, source: Option<LodLevel>) {
+        let entity = |node: usize| self.entities[&node];
+        let place = Place {
+            file,
+            group: if file.is_object { entity(file.holder) } else { self.root },
+            parent: file.space.map_or(self.root, entity),
+            is_mirrored: file.is_mirrored(&self.file.rest),
+        };
+        let mut levels: Vec<LodLevel> = source.into_iter().collect();
+        levels.extend(file.levels.iter().filter_map(|level| self.spawn_level(place, level)));
         if levels.iter().all(|level| level.level == 0) {
             return;
         }
         for (slot, level) in levels.iter().enumerate() {
             let show = if slot == 0 { Show::Whole } else { Show::Nothing };
-            let member = LodMember { group: self.root, level: level.level };
+            let member = LodMember { group: place.group, level: level.level };
             for primitive in &level.primitives {
                 self.world.entity_mut(primitive.entity).insert((member.clone(), show.range()));
             }
         }
-        let group = LodGroup { center: bounds.center(), radius: bounds.radius(), levels };
-        self.world.entity_mut(self.root).insert(group);
+        let (center, radius) = self.sphere(place, bounds);
+        self.world.entity_mut(place.group).insert(LodGroup { center, radius, levels });
+    }
+
+    /// Centre and radius of the bounding sphere in the space of the group's entity, in the rest pose.
+    fn sphere(&self, place: Place<'_>, bounds: Bounds) -> (Vec3, f32) {
+        if place.group == place.parent {
+            return (bounds.center(), bounds.radius());
+        }
+        let (own, space) = (self.file.rest[place.file.holder], self.file.space_of(place.file));
+        let largest = |matrix: Mat4| {
+            [matrix.x_axis, matrix.y_axis, matrix.z_axis].map(Vec4::length).into_iter().fold(0.0, f32::max)
+        };
+        let scale = largest(space) / largest(own);
+        let center = (own.inverse() * space).transform_point3(bounds.center());
+        if center.is_finite() && scale.is_finite() { (center, bounds.radius() * scale) } else { (Vec3::ZERO, f32::MAX) }
     }
 
     /// The source: the entities that the loader has spawned for the nodes in `replaces`. `None` if they have no meshes,
     /// because the file was baked without the source.
-    fn source(&self) -> Option<LodLevel> {
+    fn source(&self, group: &FileGroup) -> Option<LodLevel> {
         let mut primitives = Vec::new();
-        for &index in &self.file.replaces {
+        for &index in &group.replaces {
             let children = self.world.get::<Children>(self.entities[&index]).map(|c| c.iter());
             let drawn = children.into_iter().flatten().filter_map(|c| Some((c, self.world.get::<Mesh3d>(c)?)));
             let mesh = self.file.node(index).and_then(|node| node.mesh());
@@ -189,7 +262,7 @@ impl SceneBuilder<'_, '_> {
     }
 
     /// Spawns a level. `None`, with a warning, if its joints are not in this scene.
-    fn spawn_level(&mut self, level: &FileLevel) -> Option<LodLevel> {
+    fn spawn_level(&mut self, place: Place<'_>, level: &FileLevel) -> Option<LodLevel> {
         let file = self.file;
         let node = file.node(level.node)?;
         let mesh = node.mesh()?;
@@ -204,8 +277,9 @@ impl SceneBuilder<'_, '_> {
             }
             skin => skin.flatten(),
         };
-        let member = LodMember { group: self.root, level: level.level };
-        let spawn = |p: gltf::Primitive<'_>| self.spawn_primitive((member.clone(), skin.clone()), &node, &mesh, &p);
+        let member = LodMember { group: place.group, level: level.level };
+        let spawn =
+            |p: gltf::Primitive<'_>| self.spawn_primitive(place, (member.clone(), skin.clone()), (&node, &mesh, &p));
         let primitives = mesh.primitives().map(spawn).collect();
         let FileLevel { level, budget, faces, error, .. } = *level;
         Some(LodLevel { level, budget, faces, error, primitives })
@@ -220,38 +294,42 @@ impl SceneBuilder<'_, '_> {
 
     /// The weights of the morph targets of a level: those of the source node with the same number of targets, so that
     /// clips morph both. The default weights if the file was baked without the source.
-    fn morph_weights(&self, mesh: &gltf::Mesh<'_>, primitive: &gltf::Primitive<'_>) -> Option<MeshMorphWeights> {
+    fn morph_weights(
+        &self,
+        group: &FileGroup,
+        mesh: &gltf::Mesh<'_>,
+        primitive: &gltf::Primitive<'_>,
+    ) -> Option<MeshMorphWeights> {
         let count = primitive.morph_targets().len();
         let has_as_many = |node: &gltf::Node<'_>| {
             node.mesh().is_some_and(|mesh| mesh.primitives().any(|p| p.morph_targets().len() == count))
         };
-        let mut replaced = self.file.replaces.iter().filter_map(|&index| self.file.node(index));
+        let mut replaced = group.replaces.iter().filter_map(|&index| self.file.node(index));
         let driver = || self.entities.get(&replaced.find(has_as_many)?.index()).copied();
         let at_rest = || MeshMorphWeights::Value { weights: mesh.weights().unwrap_or_default().to_vec() };
         (count > 0).then(driver).map(|driver| driver.map_or_else(at_rest, MeshMorphWeights::Reference))
     }
 
-    /// Spawns a primitive of a level under the root of the scene, with all components that the loader would insert.
+    /// Spawns a primitive of a level in its place, with all components that the loader would insert.
     /// Inserts [`LodMember`] before other handlers are called, so that they can tell the level from the source.
     fn spawn_primitive(
         &mut self,
+        place: Place<'_>,
         (member, skin): (LodMember, Option<SkinnedMesh>),
-        node: &gltf::Node<'_>,
-        mesh: &gltf::Mesh<'_>,
-        primitive: &gltf::Primitive<'_>,
+        (node, mesh, primitive): (&gltf::Node<'_>, &gltf::Mesh<'_>, &gltf::Primitive<'_>),
     ) -> LodPrimitive {
         let label = GltfAssetLabel::Primitive { mesh: mesh.index(), primitive: primitive.index() };
         let handle: Handle<Mesh> = self.context.get_label_handle(label.to_string());
         let material = primitive.material();
         let name = format!("{}.{}", node.name().unwrap_or("LOD"), primitive.index());
         let rotation = mesh_rotation(self.defaults.convert_coordinates);
-        let weights = self.morph_weights(mesh, primitive);
+        let weights = self.morph_weights(place.file, mesh, primitive);
         let mut entity = self.world.spawn((
             Mesh3d(handle.clone()),
             Transform::from_rotation(rotation),
             aabb(bounds::own(primitive), rotation),
             Name::new(name),
-            ChildOf(self.root),
+            ChildOf(place.parent),
             member,
         ));
         if let Some(skin) = skin {
@@ -272,7 +350,7 @@ impl SceneBuilder<'_, '_> {
             entity.insert(GltfMaterialName(name.to_owned()));
         }
         let label = match material.index() {
-            Some(index) => GltfAssetLabel::Material { index, is_scale_inverted: false },
+            Some(index) => GltfAssetLabel::Material { index, is_scale_inverted: place.is_mirrored },
             None => GltfAssetLabel::DefaultMaterial,
         };
         let label = label.to_string();

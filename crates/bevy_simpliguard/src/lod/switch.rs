@@ -14,6 +14,8 @@ use super::fade::Show;
 pub(super) struct LodState {
     /// The entity with [`SimpliguardLods`].
     root: Entity,
+    /// The entity with the scene that this is an object of.
+    scene: Option<Entity>,
     rungs: Vec<Rung>,
     /// The levels that are shown. `None` before the first selection.
     choice: Option<Choice>,
@@ -34,12 +36,16 @@ pub(super) fn attach(
     mut commands: Commands<'_, '_>,
     groups: Query<'_, '_, (Entity, Option<&ChildOf>), Added<LodGroup>>,
     roots: Query<'_, '_, (), With<WorldAssetRoot>>,
+    parents: Query<'_, '_, &ChildOf>,
 ) {
     for (group, parent) in &groups {
-        let root = parent.map(ChildOf::parent).filter(|&parent| roots.contains(parent)).unwrap_or(group);
+        let parent = parent.map(ChildOf::parent);
+        let instance = parents.iter_ancestors(group).find(|&ancestor| roots.contains(ancestor));
+        let root = parent.filter(|_| parent == instance).unwrap_or(group);
         commands.entity(root).insert_if_new(SimpliguardLods::default());
         commands.entity(group).insert(LodState {
             root,
+            scene: instance.filter(|&instance| instance != root),
             rungs: Vec::new(),
             choice: None,
             is_source_cut: false,
@@ -107,6 +113,7 @@ pub(super) fn switch_levels(
     let selection = Selection { settings: &settings, views: cameras.views() };
     let fade = settings.fade.clamp(0.0, 1.0);
     for (group, mut state, transform, shown) in &mut groups {
+        let wish = Wish::of(state.scene.into_iter().chain([state.root]).filter_map(|entity| lods.get(entity).ok()));
         let mut lods = lods.get_mut(state.root).ok();
         let is_shown = shown.as_ref().is_none_or(|v| v.get());
         if state.is_source_changed || shown.is_some_and(|v| v.is_changed()) {
@@ -117,7 +124,7 @@ pub(super) fn switch_levels(
         if is_fresh {
             state.rungs = rungs(group.levels.iter().map(|level| level.error), fade);
         }
-        let choice = selection.choice(group, &state, transform, lods.as_deref());
+        let choice = selection.choice(group, &state, transform, wish);
         if is_fresh || state.choice != Some(choice) {
             state.choice = Some(choice);
             show(&group.levels, choice, fade > 0.0, &mut members.ranges);
@@ -141,6 +148,25 @@ fn is_cut(levels: &[LodLevel], visibility: &Query<'_, '_, &InheritedVisibility>)
     parts.any(|part| visibility.get(part.entity).is_ok_and(|v| !v.get()))
 }
 
+/// What a game wants of a group.
+#[derive(Clone, Copy)]
+struct Wish {
+    force: Option<u32>,
+    bias: f32,
+    enabled: bool,
+}
+
+impl Wish {
+    /// The wishes for a scene, and those for an object of it: the object may force another level.
+    fn of<'a>(lods: impl Iterator<Item = &'a SimpliguardLods>) -> Self {
+        lods.fold(Self { force: None, bias: 1.0, enabled: true }, |all, own| Self {
+            force: own.force.or(all.force),
+            bias: own.bias * all.bias,
+            enabled: own.enabled && all.enabled,
+        })
+    }
+}
+
 /// The conditions that decide on levels.
 struct Selection<'a> {
     settings: &'a LodSettings,
@@ -154,9 +180,8 @@ impl Selection<'_> {
         group: &LodGroup,
         state: &LodState,
         transform: &GlobalTransform,
-        lods: Option<&SimpliguardLods>,
+        Wish { force, bias, enabled }: Wish,
     ) -> Choice {
-        let (force, bias, enabled) = lods.map_or((None, 1.0, true), |l| (l.force, l.bias, l.enabled));
         if !self.settings.enabled || !enabled || state.is_source_cut {
             return Choice::only(0);
         }

@@ -3,6 +3,7 @@
 mod export;
 mod glb;
 mod import;
+mod objects;
 mod uris;
 
 pub(crate) use export::export_in;
@@ -10,4 +11,5 @@ pub use export::{ExportParams, export, export_level};
 pub use glb::with_json;
 pub(crate) use import::import_in;
 pub use import::{ImportLimits, has_levels, import};
+pub(crate) use objects::{ObjectScene, describe_scene};
 pub use uris::{check_binary, external_uris};

@@ -41,6 +41,7 @@ pub(super) fn import(source: &Source<'_>, params: &Params, run: &Runner<'_>) -> 
         return pass(Some(model), Status::SmallEnough);
     }
     check_extent(&model)?;
+    model.notes.extend(gltf::describe_scene(&model.document));
     run.time(StageId::Import, || overlap::thin(&mut model, run))?;
     Ok(Imported::ForLevels(model, targets))
 }

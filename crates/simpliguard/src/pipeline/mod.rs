@@ -18,6 +18,7 @@ pub(crate) mod params;
 mod preview;
 pub(crate) mod report;
 mod runner;
+pub(crate) mod scene;
 mod shapes;
 mod source;
 pub(crate) mod stage;
@@ -26,8 +27,8 @@ mod targets;
 mod version;
 mod views;
 
-use crate::settings::BakeSettings;
-use crate::{Context, Error, Source, StageId};
+use crate::settings::{BakeSettings, Scope};
+use crate::{Context, Error, ProgressSink, Source, StageId};
 use clear::ClearLayers;
 use import::Imported;
 use layers::SourceLayers;
@@ -36,6 +37,7 @@ use likeness::SourcePictures;
 use params::Params;
 use report::Report;
 use runner::Runner;
+use scene::SceneBake;
 use shapes::Shapes;
 use source::{PreparedSource, SourceIndex};
 use views::Views;
@@ -53,6 +55,29 @@ pub use version::{OPT_LEVEL, PIPELINE_VERSION};
 /// See [`Error`]; a source that fails is left as it is.
 pub fn bake(source: &Source<'_>, settings: &BakeSettings, context: &Context<'_>) -> Result<Baked, Error> {
     settings.check()?;
+    match settings.scope {
+        Scope::Scene => bake_whole(source, settings, context),
+        Scope::Objects => bake_objects(source, settings, context),
+    }
+}
+
+/// Bakes each object of a scene, one after another.
+fn bake_objects(source: &Source<'_>, settings: &BakeSettings, context: &Context<'_>) -> Result<Baked, Error> {
+    let Some(mut scene) = SceneBake::open(source, settings, context)? else {
+        return bake_whole(source, settings, context);
+    };
+    while let Some(object) = scene.next_object()? {
+        let progress = context.progress.map(|sink| scene.progress(&object, sink));
+        let progress = progress.as_ref().map(|progress| progress as &dyn ProgressSink);
+        let context = Context { progress, preview: None, ..context.clone() };
+        let baked = bake_whole(&object.source(), &object.settings, &context);
+        scene.take(&object, baked.map(|baked| (baked.glb, baked.report)))?;
+    }
+    scene.finish()
+}
+
+/// Bakes the default scene as one model.
+fn bake_whole(source: &Source<'_>, settings: &BakeSettings, context: &Context<'_>) -> Result<Baked, Error> {
     let (params, run) = (Params::new(settings), Runner::new(source.name, context));
     // Files without triangles, with few triangles or with levels of their own pass through.
     let (model, targets) = match import::import(source, &params, &run)? {

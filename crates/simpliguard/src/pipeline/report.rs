@@ -30,6 +30,9 @@ pub struct Report {
     pub source_faces: u64,
     /// One entry per level, budgets ascending.
     pub levels: Vec<LevelReport>,
+    /// One entry per kind of object that was baked, with `scope: Objects`. `levels` is empty then.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub objects: Vec<ObjectReport>,
     /// Things that were left out or need attention, in words.
     pub notes: Vec<String>,
     /// Seconds per stage, summed over levels that ran beside each other.
@@ -37,6 +40,11 @@ pub struct Report {
 }
 
 impl Report {
+    /// The levels of the file, and those of its objects.
+    pub fn all_levels(&self) -> impl Iterator<Item = &LevelReport> {
+        self.levels.iter().chain(self.objects.iter().flat_map(|object| &object.levels))
+    }
+
     /// The report of a file that has levels now. `morphs` tells whether morph targets are transferred.
     pub(super) fn baked(
         model: &Model,
@@ -49,15 +57,28 @@ impl Report {
         let unlike = levels.iter().filter_map(|level| level.warning.clone());
         let notes =
             model.notes.iter().cloned().chain(dropped_morphs(model, morphs)).chain(unmet).chain(unlike).collect();
-        Self { status: Status::Baked, source_faces, levels, notes, seconds }
+        Self { status: Status::Baked, source_faces, levels, objects: Vec::new(), notes, seconds }
     }
 
     /// The report of a file that passes through.
     pub(super) fn passed_through(status: Status, model: Option<&Model>, seconds: StageSeconds) -> Self {
         let source_faces = model.map_or(0, |model| model.surface.triangles.len() as u64);
         let notes = model.map(|model| model.notes.clone()).unwrap_or_default();
-        Self { status, source_faces, levels: Vec::new(), notes, seconds }
+        Self { status, source_faces, levels: Vec::new(), objects: Vec::new(), notes, seconds }
     }
+}
+
+/// The report of equal objects of a scene.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ObjectReport {
+    /// The name of the first instance.
+    pub name: String,
+    /// Number of instances.
+    pub instances: u32,
+    /// Triangles of one instance.
+    pub source_faces: u64,
+    /// One entry per level, budgets ascending. Empty if the object passes through.
+    pub levels: Vec<LevelReport>,
 }
 
 /// A note on morph targets that levels leave out.

@@ -19,6 +19,17 @@ choice! {
 }
 
 choice! {
+    /// The things of a file that get levels.
+    pub enum Scope {
+        /// The whole default scene: each level is one mesh.
+        #[default]
+        Scene,
+        /// Each object on its own.
+        Objects,
+    }
+}
+
+choice! {
     /// The treatment of a file that already has levels of detail.
     pub enum ExistingLods {
         /// The file passes through unchanged.

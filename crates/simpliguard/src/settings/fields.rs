@@ -4,7 +4,7 @@ use serde::Serialize;
 use serde::de::{Error as _, MapAccess};
 
 use super::choices::{
-    Candidates, ExistingLods, InitialTexture, JointSplitting, MorphTargets, Quality, Resolution, SkinTransfer,
+    Candidates, ExistingLods, InitialTexture, JointSplitting, MorphTargets, Quality, Resolution, Scope, SkinTransfer,
     SourceGeometry, TextureSolver,
 };
 use super::field::{FieldInfo, PerQuality, ValueSeed, always, by_quality, check};
@@ -12,7 +12,7 @@ use super::target::Target;
 use super::text::did_you_mean;
 use super::value::{Limit, Value};
 use crate::Error;
-use crate::data::{MaterialWeight, TextureFormat};
+use crate::data::{MaterialWeight, NodePattern, TextureFormat};
 
 macro_rules! settings {
     ($(
@@ -135,7 +135,8 @@ macro_rules! settings {
 settings! {
     /// Makes levels of detail. If false, the file passes through unchanged.
     enabled: bool = always(true), Limit::None;
-    /// Largest number of triangles of each level. The smallest number becomes LOD1.
+    /// Largest number of triangles of each level. The smallest number becomes LOD1. With `scope: Objects`, a level also
+    /// has at most half the triangles of the next more detailed one.
     faces: Vec<u32> = always(vec![1000, 2000, 4000]), Limit::Between(4.0, 1e6);
     /// Targets of the levels, in place of `faces`. A target is a number of triangles, a fraction of the source's
     /// triangles, or a deviation from the source. A deviation is a fraction of the bounding box's diagonal, or one
@@ -147,6 +148,13 @@ settings! {
     existing_lods: ExistingLods = always(ExistingLods::Keep), Limit::None;
     /// Treatment of the source's own geometry, which comes before the levels in the output.
     source: SourceGeometry = always(SourceGeometry::Keep), Limit::None;
+    /// What gets levels: the whole scene of a file, or each of its objects. An object is a node with a mesh, or a skin
+    /// with all that hangs on its joints. Equal objects share their levels.
+    scope: Scope = always(Scope::Scene), Limit::None;
+    /// Names of nodes that are one object together with all nodes below them, with `scope: Objects`: `["Lamp*"]`.
+    objects: Vec<NodePattern> = always(Vec::new()), Limit::None;
+    /// Fewest triangles of an object that gets levels, with `scope: Objects`. Smaller ones stay as they are.
+    object_faces: u32 = always(100), Limit::Between(8.0, 1e6);
     /// Cells of the reconstruction along the longest side of the model.
     resolution: Resolution = always(Resolution::Auto), Limit::Between(32.0, 512.0);
     /// Cells of the finest reconstruction that `resolution: Auto` generates. One of more than 256 cells is generated

@@ -16,15 +16,16 @@ mod fields;
 mod importance;
 mod meta;
 mod overrides;
+mod patterns;
 mod project;
 mod resolve;
 mod target;
 mod text;
 mod value;
 
-pub use crate::data::{MaterialWeight, TextureFormat};
+pub use crate::data::{MaterialWeight, NodePattern, TextureFormat};
 pub use choices::{
-    Candidates, ExistingLods, InitialTexture, JointSplitting, MorphTargets, Quality, Resolution, SkinTransfer,
+    Candidates, ExistingLods, InitialTexture, JointSplitting, MorphTargets, Quality, Resolution, Scope, SkinTransfer,
     SourceGeometry, TextureSolver,
 };
 pub use field::FieldInfo;

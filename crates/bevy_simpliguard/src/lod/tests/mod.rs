@@ -2,6 +2,7 @@
 
 mod glb;
 mod morphs;
+mod objects;
 mod scenes;
 mod skins;
 mod switching;

@@ -3,7 +3,7 @@
 use serde_json::{Map, Value, json};
 
 use super::fault::fault;
-use crate::gltf::glb::{self, BIN_CHUNK, CHUNK_HEADER_BYTES, HEADER_BYTES, JSON_CHUNK};
+use crate::gltf::glb::{self, BIN_CHUNK, CHUNK_HEADER_BYTES, Chunks, HEADER_BYTES, JSON_CHUNK};
 use crate::{Error, StageId};
 
 /// Size of the largest binary glTF: its length field has 32 bits.
@@ -11,7 +11,7 @@ const MAX_BYTES: u64 = u32::MAX as u64;
 
 /// The use of a buffer view on the GPU.
 #[derive(Clone, Copy, PartialEq, Eq)]
-pub(super) enum BufferTarget {
+pub(in crate::gltf) enum BufferTarget {
     Vertices,
     Indices,
     /// Images, animation and skin data.
@@ -20,7 +20,7 @@ pub(super) enum BufferTarget {
 
 /// The top-level arrays of a glTF that other objects refer to by index.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Kind {
+pub(in crate::gltf) enum Kind {
     Scene,
     Node,
     Mesh,
@@ -36,7 +36,7 @@ pub(super) enum Kind {
 }
 
 impl Kind {
-    pub(super) const ALL: [Self; 12] = [
+    pub(in crate::gltf) const ALL: [Self; 12] = [
         Self::Scene,
         Self::Node,
         Self::Mesh,
@@ -51,7 +51,7 @@ impl Kind {
         Self::BufferView,
     ];
 
-    pub(super) fn key(self) -> &'static str {
+    pub(in crate::gltf) fn key(self) -> &'static str {
         match self {
             Self::Scene => "scenes",
             Self::Node => "nodes",
@@ -70,23 +70,37 @@ impl Kind {
 }
 
 /// JSON and binary chunk of a glTF with all data in buffer 0.
-pub(super) struct Builder {
+pub(in crate::gltf) struct Builder {
     /// Name of the asset, for messages.
-    pub(super) asset: String,
+    pub(in crate::gltf) asset: String,
     /// The document; `buffers[0]` is written by [`Self::into_glb`].
-    pub(super) json: Map<String, Value>,
+    pub(in crate::gltf) json: Map<String, Value>,
     /// Contents of buffer 0.
-    pub(super) bin: Vec<u8>,
+    pub(in crate::gltf) bin: Vec<u8>,
 }
 
 impl Builder {
+    /// An empty document.
+    pub(in crate::gltf) fn new(asset: &str) -> Self {
+        let header = json!({ "version": "2.0" });
+        Self { asset: asset.to_owned(), json: Map::from_iter([("asset".to_owned(), header)]), bin: Vec::new() }
+    }
+
+    /// A binary glTF whose buffer is its binary chunk.
+    pub(in crate::gltf) fn from_glb(asset: &str, bytes: &[u8]) -> Result<Self, Error> {
+        let broken = || fault(asset, "the file of an object with its levels cannot be read");
+        let Chunks { json, bin } = glb::split(bytes).map_err(|_| broken())?;
+        let json = serde_json::from_slice(json).map_err(|_| broken())?;
+        Ok(Self { asset: asset.to_owned(), json, bin: bin.unwrap_or_default().to_vec() })
+    }
+
     /// All objects of a kind.
-    pub(super) fn all(&self, kind: Kind) -> &[Value] {
+    pub(in crate::gltf) fn all(&self, kind: Kind) -> &[Value] {
         self.json.get(kind.key()).and_then(Value::as_array).map_or(&[], Vec::as_slice)
     }
 
     /// All objects of a kind. A missing array is created.
-    pub(super) fn all_mut(&mut self, kind: Kind) -> &mut Vec<Value> {
+    pub(in crate::gltf) fn all_mut(&mut self, kind: Kind) -> &mut Vec<Value> {
         let slot = self.json.entry(kind.key()).or_insert_with(|| json!([]));
         if !slot.is_array() {
             *slot = json!([]);
@@ -95,14 +109,14 @@ impl Builder {
     }
 
     /// Appends an object and returns its index.
-    pub(super) fn push(&mut self, kind: Kind, object: Value) -> usize {
+    pub(in crate::gltf) fn push(&mut self, kind: Kind, object: Value) -> usize {
         let all = self.all_mut(kind);
         all.push(object);
         all.len() - 1
     }
 
     /// Appends a buffer view at a 4-byte boundary.
-    pub(super) fn push_view(&mut self, bytes: &[u8], target: BufferTarget) -> usize {
+    pub(in crate::gltf) fn push_view(&mut self, bytes: &[u8], target: BufferTarget) -> usize {
         let offset = append_aligned(&mut self.bin, bytes);
         let mut view = json!({ "buffer": 0, "byteOffset": offset, "byteLength": bytes.len() });
         match target {
@@ -114,7 +128,7 @@ impl Builder {
     }
 
     /// Appends an accessor of tightly packed elements with a buffer view of its own.
-    pub(super) fn push_accessor<T: bytemuck::NoUninit>(
+    pub(in crate::gltf) fn push_accessor<T: bytemuck::NoUninit>(
         &mut self,
         elements: &[T],
         component: Component,
@@ -128,7 +142,7 @@ impl Builder {
     }
 
     /// Declares an extension as used, once.
-    pub(super) fn use_extension(&mut self, name: &str) {
+    pub(in crate::gltf) fn use_extension(&mut self, name: &str) {
         let used = self.json.entry("extensionsUsed").or_insert_with(|| json!([]));
         if let Some(used) = used.as_array_mut()
             && !used.iter().any(|u| u == name)
@@ -138,12 +152,12 @@ impl Builder {
     }
 
     /// Index of the default scene.
-    pub(super) fn default_scene(&self) -> usize {
+    pub(in crate::gltf) fn default_scene(&self) -> usize {
         self.json.get("scene").and_then(Value::as_u64).unwrap_or(0) as usize
     }
 
     /// Writes the version of simpliguard to `asset.generator`. Copyright and other properties stay.
-    pub(super) fn stamp(&mut self, version: &str) {
+    pub(in crate::gltf) fn stamp(&mut self, version: &str) {
         let asset = self.json.entry("asset").or_insert_with(|| json!({ "version": "2.0" }));
         if let Some(asset) = asset.as_object_mut() {
             asset.insert("generator".into(), json!(format!("simpliguard {version}")));
@@ -151,7 +165,7 @@ impl Builder {
     }
 
     /// The binary glTF.
-    pub(super) fn into_glb(mut self) -> Result<Vec<u8>, Error> {
+    pub(in crate::gltf) fn into_glb(mut self) -> Result<Vec<u8>, Error> {
         self.json.remove("buffers");
         if !self.bin.is_empty() {
             self.json.insert("buffers".into(), json!([{ "byteLength": self.bin.len() }]));
@@ -183,7 +197,7 @@ impl Builder {
 /// glTF component types.
 #[derive(Clone, Copy)]
 #[repr(u32)]
-pub(super) enum Component {
+pub(in crate::gltf) enum Component {
     U8 = 5121,
     U16 = 5123,
     U32 = 5125,
@@ -191,7 +205,7 @@ pub(super) enum Component {
 }
 
 /// Appends `bytes` at the next multiple of four; returns that offset.
-pub(super) fn append_aligned(bin: &mut Vec<u8>, bytes: &[u8]) -> usize {
+pub(in crate::gltf) fn append_aligned(bin: &mut Vec<u8>, bytes: &[u8]) -> usize {
     let offset = bin.len().next_multiple_of(4);
     bin.resize(offset, 0);
     bin.extend_from_slice(bytes);
@@ -199,17 +213,17 @@ pub(super) fn append_aligned(bin: &mut Vec<u8>, bytes: &[u8]) -> usize {
 }
 
 /// A non-negative integer member of a JSON object.
-pub(super) fn index(object: &Value, key: &str) -> Option<usize> {
+pub(in crate::gltf) fn index(object: &Value, key: &str) -> Option<usize> {
     object.get(key).and_then(Value::as_u64).and_then(|i| usize::try_from(i).ok())
 }
 
 /// The indices in an array member of a JSON object.
-pub(super) fn indices<'a>(object: &'a Value, key: &str) -> impl Iterator<Item = usize> + use<'a> {
+pub(in crate::gltf) fn indices<'a>(object: &'a Value, key: &str) -> impl Iterator<Item = usize> + use<'a> {
     let all = object.get(key).and_then(Value::as_array).map_or(&[][..], Vec::as_slice);
     all.iter().filter_map(Value::as_u64).filter_map(|i| usize::try_from(i).ok())
 }
 
 /// A factor with the shortest decimal digits that give the same `f32`.
-pub(super) fn number(x: f32) -> Value {
+pub(in crate::gltf) fn number(x: f32) -> Value {
     x.to_string().parse::<f64>().map_or(Value::Null, Value::from)
 }

@@ -7,7 +7,7 @@ use super::builder::{BufferTarget, Builder, Component, Kind, index};
 /// Drops the channels that have lost their target: morph weights of nodes without `keeps_mesh`, and pointers into the
 /// document, whose indices have changed. A clip without any channel left keeps its index and its length: it holds
 /// `constant_node` at its place, since glTF allows no empty clip.
-pub(super) fn drop_lost_channels(out: &mut Builder, keeps_mesh: impl Fn(usize) -> bool, constant_node: usize) {
+pub(in crate::gltf) fn drop_lost_channels(out: &mut Builder, keeps_mesh: impl Fn(usize) -> bool, constant_node: usize) {
     for clip in 0..out.all(Kind::Animation).len() {
         let animation = &out.all(Kind::Animation)[clip];
         let channels = animation.get("channels").and_then(Value::as_array).cloned().unwrap_or_default();
@@ -30,7 +30,7 @@ pub(super) fn drop_lost_channels(out: &mut Builder, keeps_mesh: impl Fn(usize) -
 }
 
 /// Copies the channels of morph weights of node `driver` to each of `nodes`.
-pub(super) fn copy_weight_channels(out: &mut Builder, driver: usize, nodes: &[usize]) {
+pub(in crate::gltf) fn copy_weight_channels(out: &mut Builder, driver: usize, nodes: &[usize]) {
     for animation in out.all_mut(Kind::Animation) {
         let Some(channels) = animation.get_mut("channels").and_then(Value::as_array_mut) else { continue };
         let drives = |channel: &&Value| {
@@ -47,12 +47,12 @@ pub(super) fn copy_weight_channels(out: &mut Builder, driver: usize, nodes: &[us
 }
 
 /// True if the document has clips.
-pub(super) fn has_clips(out: &Builder) -> bool {
+pub(in crate::gltf) fn has_clips(out: &Builder) -> bool {
     !out.all(Kind::Animation).is_empty()
 }
 
 /// The nodes whose transform a clip changes.
-pub(super) fn moved_nodes(out: &Builder) -> Vec<usize> {
+pub(in crate::gltf) fn moved_nodes(out: &Builder) -> Vec<usize> {
     let channels = out.all(Kind::Animation).iter().filter_map(|a| a.get("channels")?.as_array()).flatten();
     channels.filter(|c| keeps_target(c, &|_| false)).filter_map(|c| index(c.get("target")?, "node")).collect()
 }

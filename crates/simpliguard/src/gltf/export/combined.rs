@@ -25,7 +25,7 @@ pub(crate) fn export_in(
 ) -> Result<Vec<u8>, Error> {
     let skins = Skins::new(model, levels)?;
     let encoded = encode(model, levels, &skins, cancellation)?;
-    let mut out = embed::embed(model)?;
+    let mut out = embed::embed(&model.name, &model.document)?;
     out.stamp(version);
     let old_levels = hierarchy::remove_lods(&mut out);
     let writer = Writer::new(&mut out, &skins, levels.len());

@@ -6,16 +6,16 @@ use serde_json::{Map, Value, json};
 use super::builder::{BufferTarget, Builder, Kind, append_aligned, index, indices};
 use super::fault::fault;
 use crate::Error;
-use crate::data::{Document, Model};
+use crate::data::Document;
 
 /// The source's document with merged buffers and embedded images. External images that could not be read keep their
 /// URI.
-pub(super) fn embed(model: &Model) -> Result<Builder, Error> {
-    let Document { json, buffers, images, .. } = &model.document;
+pub(in crate::gltf) fn embed(asset: &str, document: &Document) -> Result<Builder, Error> {
+    let Document { json, buffers, images, .. } = document;
     let Some(json) = json.as_object().cloned() else {
-        return Err(fault(&model.name, "the source's document is no JSON object"));
+        return Err(fault(asset, "the source's document is no JSON object"));
     };
-    let mut out = Builder { asset: model.name.clone(), json, bin: Vec::new() };
+    let mut out = Builder { asset: asset.to_owned(), json, bin: Vec::new() };
     let bases = merge_buffers(&mut out, buffers);
     for view in out.all_mut(Kind::BufferView) {
         if let Some(base) = index(view, "buffer").and_then(|b| bases.get(b)) {

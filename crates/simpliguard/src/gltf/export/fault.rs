@@ -3,6 +3,6 @@
 use crate::{Error, StageId};
 
 /// The error for a broken level or document: a fault of an earlier stage, not of the file.
-pub(super) fn fault(asset: &str, found: impl Into<String>) -> Error {
+pub(in crate::gltf) fn fault(asset: &str, found: impl Into<String>) -> Error {
     Error::invalid(asset, StageId::Export, found, "this is a fault of simpliguard: please report it with the model")
 }

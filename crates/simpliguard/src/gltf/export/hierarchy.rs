@@ -5,16 +5,16 @@ use serde_json::{Value, json};
 use super::builder::{Builder, Kind, indices};
 
 /// Transform properties of a node.
-const TRANSFORM: [&str; 4] = ["matrix", "translation", "rotation", "scale"];
+pub(in crate::gltf) const TRANSFORM: [&str; 4] = ["matrix", "translation", "rotation", "scale"];
 
 /// The root nodes of a scene.
-pub(super) fn scene_roots(out: &Builder, scene: usize) -> Vec<usize> {
+pub(in crate::gltf) fn scene_roots(out: &Builder, scene: usize) -> Vec<usize> {
     let nodes = out.all(Kind::Node).len();
     out.all(Kind::Scene).get(scene).map_or_else(Vec::new, |s| indices(s, "nodes").filter(|&n| n < nodes).collect())
 }
 
 /// `roots` and all nodes under them, parents before children, each once.
-pub(super) fn descendants(out: &Builder, roots: &[usize]) -> Vec<usize> {
+pub(in crate::gltf) fn descendants(out: &Builder, roots: &[usize]) -> Vec<usize> {
     let nodes = out.all(Kind::Node);
     let mut seen = vec![false; nodes.len()];
     let mut stack: Vec<usize> = roots.iter().rev().copied().collect();
@@ -33,7 +33,7 @@ pub(super) fn descendants(out: &Builder, roots: &[usize]) -> Vec<usize> {
 /// Marks the nodes of `order` (parents first) that stay once meshes, cameras and extensions are removed: nodes that are
 /// `needed`, their ancestors, and nodes that never had any of these, such as attachment points. Leaves that exist only
 /// to hold a mesh, camera or light are not marked.
-pub(super) fn kept_nodes(out: &Builder, order: &[usize], needed: impl Fn(usize) -> bool) -> Vec<bool> {
+pub(in crate::gltf) fn kept_nodes(out: &Builder, order: &[usize], needed: impl Fn(usize) -> bool) -> Vec<bool> {
     let nodes = out.all(Kind::Node);
     let mut kept = vec![false; nodes.len()];
     for &node in order.iter().rev() {
@@ -47,7 +47,7 @@ pub(super) fn kept_nodes(out: &Builder, order: &[usize], needed: impl Fn(usize) 
 
 /// Copies the trees under `roots`, with names and transforms only. `suffix` is added to the names, so that they differ
 /// from the source's. Returns the copied roots, and the copy of each node.
-pub(super) fn copy_trees(
+pub(in crate::gltf) fn copy_trees(
     out: &mut Builder,
     roots: &[usize],
     suffix: &str,
@@ -82,7 +82,7 @@ pub(super) fn copy_trees(
 }
 
 /// `roots`, and the roots above those of `nodes` that are not under `roots`.
-pub(super) fn with_roots_of(out: &Builder, mut roots: Vec<usize>, nodes: &[usize]) -> Vec<usize> {
+pub(in crate::gltf) fn with_roots_of(out: &Builder, mut roots: Vec<usize>, nodes: &[usize]) -> Vec<usize> {
     let all = out.all(Kind::Node);
     let mut parent = vec![None; all.len()];
     for (p, node) in all.iter().enumerate() {
@@ -105,7 +105,7 @@ pub(super) fn with_roots_of(out: &Builder, mut roots: Vec<usize>, nodes: &[usize
 }
 
 /// True if one of `roots` has all of `joints` under it, as glTF requires of a skin.
-pub(super) fn have_common_root(out: &Builder, roots: &[usize], joints: &[usize]) -> bool {
+pub(in crate::gltf) fn have_common_root(out: &Builder, roots: &[usize], joints: &[usize]) -> bool {
     roots.iter().any(|&root| {
         let mut under = vec![false; out.all(Kind::Node).len()];
         descendants(out, &[root]).into_iter().for_each(|n| under[n] = true);
@@ -116,7 +116,7 @@ pub(super) fn have_common_root(out: &Builder, roots: &[usize], joints: &[usize])
 /// Puts the roots of a scene under one new node, for a skin whose joints lie under several roots. Other scenes that
 /// hold all these roots get the new node too. If a scene holds only some of them, nothing changes, since a scene's
 /// nodes must be roots.
-pub(super) fn join_roots(out: &mut Builder, scene: usize) {
+pub(in crate::gltf) fn join_roots(out: &mut Builder, scene: usize) {
     let roots = scene_roots(out, scene);
     let holds = |s: &Value| roots.iter().filter(|&&r| indices(s, "nodes").any(|n| n == r)).count();
     if roots.is_empty() || out.all(Kind::Scene).iter().any(|s| !matches!(holds(s), n if n == 0 || n == roots.len())) {
@@ -133,7 +133,7 @@ pub(super) fn join_roots(out: &mut Builder, scene: usize) {
 }
 
 /// Removes `MSFT_lod` and its screen coverages from every node and material. Returns the nodes that it named.
-pub(super) fn remove_lods(out: &mut Builder) -> Vec<usize> {
+pub(in crate::gltf) fn remove_lods(out: &mut Builder) -> Vec<usize> {
     let mut named = Vec::new();
     for kind in [Kind::Node, Kind::Material] {
         for object in out.all_mut(kind) {
@@ -162,7 +162,7 @@ pub(super) fn remove_lods(out: &mut Builder) -> Vec<usize> {
 }
 
 /// Sets `MSFT_lod` on the only root of the default scene, else on its first root with a mesh under it.
-pub(super) fn place_lods(out: &mut Builder, mesh_nodes: &[usize], ids: &[usize]) {
+pub(in crate::gltf) fn place_lods(out: &mut Builder, mesh_nodes: &[usize], ids: &[usize]) {
     let roots = scene_roots(out, out.default_scene());
     let has_mesh = |&root: &usize| descendants(out, &[root]).iter().any(|n| mesh_nodes.contains(n));
     let holder = match roots[..] {
@@ -179,7 +179,7 @@ pub(super) fn place_lods(out: &mut Builder, mesh_nodes: &[usize], ids: &[usize])
 }
 
 /// Removes mesh, skin and morph weights from nodes.
-pub(super) fn remove_meshes(out: &mut Builder, nodes: &[usize]) {
+pub(in crate::gltf) fn remove_meshes(out: &mut Builder, nodes: &[usize]) {
     let all = out.all_mut(Kind::Node);
     for &node in nodes {
         if let Some(node) = all.get_mut(node).and_then(Value::as_object_mut) {

@@ -18,17 +18,17 @@
 
 #[cfg(test)]
 mod asset_tests;
-mod builder;
-mod clips;
+pub(super) mod builder;
+pub(super) mod clips;
 mod combined;
-mod embed;
-mod fault;
-mod hierarchy;
+pub(super) mod embed;
+pub(super) mod fault;
+pub(super) mod hierarchy;
 mod level;
 mod material;
 mod params;
-mod prune;
-mod ranges;
+pub(super) mod prune;
+pub(super) mod ranges;
 mod single;
 mod skin;
 #[cfg(test)]

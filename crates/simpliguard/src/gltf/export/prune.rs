@@ -9,7 +9,7 @@ use super::builder::{Builder, Kind, append_aligned, index};
 use super::ranges::Ranges;
 
 /// Keeps all objects of the kinds `roots` and all objects they refer to; removes the others and renumbers.
-pub(super) fn prune(out: &mut Builder, roots: &[Kind]) {
+pub(in crate::gltf) fn prune(out: &mut Builder, roots: &[Kind]) {
     let used = mark(out, roots);
     repack(out, &used);
     let places: Vec<Vec<Option<usize>>> = used.0.iter().map(|flags| new_places(flags)).collect();
@@ -74,7 +74,7 @@ fn new_places(flags: &[bool]) -> Vec<Option<usize>> {
 }
 
 /// Calls `visit` with each reference an object holds into one of the top-level arrays.
-fn each_reference(kind: Kind, object: &mut Value, visit: &mut dyn FnMut(Kind, &mut Value)) {
+pub(in crate::gltf) fn each_reference(kind: Kind, object: &mut Value, visit: &mut dyn FnMut(Kind, &mut Value)) {
     match kind {
         Kind::Scene => each(object.get_mut("nodes"), Kind::Node, visit),
         Kind::Node => {
@@ -230,7 +230,7 @@ fn used_ranges(out: &Builder, used: &Used) -> Vec<Ranges> {
 
 /// Drops the declarations of extensions that no object has any more. `KHR_mesh_quantization` is visible only in the
 /// component types of vertices, so its declaration stays.
-fn retain_used_extensions(out: &mut Builder) {
+pub(in crate::gltf) fn retain_used_extensions(out: &mut Builder) {
     let mut present = vec!["KHR_mesh_quantization".to_owned()];
     out.json.values().for_each(|v| collect_extensions(v, &mut present));
     if let Some(root) = out.json.get("extensions").and_then(Value::as_object) {

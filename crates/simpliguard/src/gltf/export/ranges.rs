@@ -74,7 +74,7 @@ impl Ranges {
 }
 
 /// Bytes of one element of an accessor. Columns of matrices are padded to four bytes.
-fn element_size(accessor: &Value) -> Option<usize> {
+pub(in crate::gltf) fn element_size(accessor: &Value) -> Option<usize> {
     let component = match index(accessor, "componentType")? {
         5120 | 5121 => 1,
         5122 | 5123 => 2,

@@ -20,7 +20,7 @@ pub fn export_level(model: &Model, level: &Level) -> Result<Vec<u8>, Error> {
     let shared = Binding::new(model, std::slice::from_ref(level))?;
     let skin = shared.map(|shared| shared.narrowed(level).unwrap_or(shared));
     let encoded = EncodedLevel::new(model, level, skin.as_ref(), &Cancellation::default())?;
-    let mut out = embed::embed(model)?;
+    let mut out = embed::embed(&model.name, &model.document)?;
     out.stamp(CRATE_VERSION);
     hierarchy::remove_lods(&mut out);
     keep_default_scene(&mut out, skin.as_ref());

@@ -127,6 +127,30 @@ pub(crate) fn import_in(
     })
 }
 
+/// Reads a file without its geometry, for the split into objects. The import of each object checks what this does not.
+///
+/// # Errors
+/// As [`import`], but for accessors, materials and images.
+pub(in crate::gltf) fn read_document(
+    source: &Source<'_>,
+    limits: &ImportLimits,
+    cancellation: &Cancellation,
+) -> Result<Document, Error> {
+    let memory = Memory::new(limits.memory);
+    // Each object has as many triangles as a file may have.
+    let limits = ImportLimits { triangles: u64::MAX, ..*limits };
+    let asset = Asset { name: source.name, limits: &limits, cancellation, memory: &memory };
+    let Loaded { json, buffers, images, decoded } = load(asset, source)?;
+    let root = asset.schema(&json)?;
+    let reader = Reader { asset, root: &root, buffers: &buffers };
+    let tree = Tree::of(asset, &root)?;
+    let mesh_nodes = surface::mesh_nodes(reader, &tree)?;
+    resources::check_complete(asset, &root, &buffers)?;
+    drop(root);
+    let images = images.into_iter().map(SourceImage::into_bytes).collect();
+    Ok(Document { images, json, buffers, decoded, mesh_nodes, node_world: tree.world })
+}
+
 /// A file and all bytes that it refers to.
 struct Loaded {
     json: Value,

@@ -8,7 +8,7 @@ use crate::gltf::external_uris;
 use crate::pipeline::params::{LevelParams, Params};
 use crate::pipeline::source::PreparedSource;
 use crate::pipeline::stage::{STAGES, Stage};
-use crate::settings::BakeSettings;
+use crate::settings::{BakeSettings, Scope};
 use crate::simplify::SimplifyParams;
 use crate::skinning::JointPlane;
 use crate::unwrap::UnwrapParams;
@@ -33,7 +33,12 @@ pub fn bake_key(source: &Source<'_>, settings: &BakeSettings) -> Result<Key, Err
             Err(_) => key.missing_input(),
         };
     }
-    Ok(key.params(&Params::new(settings)).finish())
+    let key = key.params(&Params::new(settings));
+    let key = match settings.scope {
+        Scope::Scene => key,
+        Scope::Objects => key.params(&(settings.scope, &settings.objects, settings.object_faces)),
+    };
+    Ok(key.finish())
 }
 
 /// The content of all files of a source.
@@ -264,8 +269,15 @@ mod tests {
         assert_eq!(base, key("elsewhere/b.gltf", &OneFile(b"1234"), &settings));
         assert_ne!(base, key("a.gltf", &OneFile(b"1235"), &settings));
         assert_ne!(base, key("a.gltf", &NoResources, &settings));
-        let changed = BakeSettings { gutter: 2, ..settings };
+        let changed = BakeSettings { gutter: 2, ..settings.clone() };
         assert_ne!(base, key("a.gltf", &OneFile(b"1234"), &changed));
+        // What divides a file into objects counts only where it is divided.
+        let few = BakeSettings { object_faces: 9, ..settings.clone() };
+        assert_eq!(base, key("a.gltf", &OneFile(b"1234"), &few));
+        let divided = BakeSettings { scope: Scope::Objects, ..settings };
+        let few = BakeSettings { scope: Scope::Objects, ..few };
+        let [divided, few] = [divided, few].map(|settings| key("a.gltf", &OneFile(b"1234"), &settings));
+        assert!(divided != base && few != divided);
     }
 
     #[test]

@@ -1,0 +1,203 @@
+//! Scenes with levels for each object.
+
+use std::sync::{Arc, Mutex};
+
+use bevy::asset::LoadContext;
+use bevy::gltf::extensions::{ErasedGltfExtensionHandler, GltfExtensionHandler, GltfExtensionHandlers};
+use bevy::gltf::{GltfMaterial, GltfPlugin};
+use bevy::prelude::*;
+use bevy::tasks::block_on;
+use serde_json::{Value, json};
+
+use super::super::{LodGroup, LodMember, LodSettings, SimpliguardLods};
+use super::TestApp;
+use super::glb::{Glb, level};
+
+const BOX: ([f32; 3], [f32; 3]) = ([-1.0; 3], [1.0; 3]);
+
+/// A level of the object at a node.
+fn object_level(number: u32, mesh: usize, error: f32, object: usize) -> Value {
+    let mut node = level(number, mesh, error, &[object]);
+    node["extras"]["simpliguard"]["object"] = json!(object);
+    node["extras"]["simpliguard"]["space"] = json!(object);
+    node
+}
+
+/// Three houses of one mesh, 1000 units from each other: as it is, mirrored, and three times as large; a stone of its own
+/// below the first.
+fn village() -> Glb {
+    let house = |mut node: Value| {
+        node["mesh"] = json!(0);
+        node
+    };
+    let mut nodes = vec![
+        house(json!({ "name": "first", "children": [3] })),
+        house(json!({ "name": "mirrored", "translation": [1000, 0, 0], "scale": [-1, 1, 1] })),
+        house(json!({ "name": "large", "translation": [2000, 0, 0], "scale": [3, 3, 3] })),
+        json!({ "name": "stone", "mesh": 3 }),
+    ];
+    for object in 0..3 {
+        nodes.extend([object_level(2, 1, 0.01, object), object_level(1, 2, 0.02, object)]);
+    }
+    Glb::new()
+        .mesh(BOX, 9, 0)
+        .mesh(BOX, 4, 1)
+        .mesh(BOX, 2, 1)
+        .mesh(BOX, 1, 0)
+        .set("nodes", json!(nodes))
+        .set("scenes", json!([{ "nodes": [0, 1, 2] }]))
+}
+
+fn loaded() -> (TestApp, Entity) {
+    let mut app = TestApp::new();
+    app.add_file("village.glb", village().bytes());
+    let root = app.spawn("village.glb", 0, Vec3::ZERO);
+    (app, root)
+}
+
+/// The entity of a node.
+fn named(app: &mut TestApp, name: &str) -> Entity {
+    let mut names = app.world().query::<(Entity, &Name)>();
+    let found = names.iter(app.app.world()).find(|(_, found)| found.as_str() == name);
+    found.expect("a node of that name").0
+}
+
+fn current(app: &mut TestApp) -> [u32; 3] {
+    ["first", "mirrored", "large"].map(|name| {
+        let entity = named(app, name);
+        app.lods(entity).current
+    })
+}
+
+#[test]
+fn each_object_switches_by_its_own_distance_and_size() {
+    let (mut app, root) = loaded();
+    assert!(app.world().get::<SimpliguardLods>(root).is_none());
+    let camera = app.camera(Vec3::ZERO);
+    app.world().resource_mut::<LodSettings>().fade = 0.0;
+    // The diagonal is 3.46 units; its hundredth is a pixel at a distance of 17.3 units, its fiftieth at 34.6.
+    for (x, expected) in [(0.0, [0, 1, 1]), (25.0, [2, 1, 1]), (500.0, [1, 1, 1]), (1925.0, [1, 1, 2])] {
+        app.place(camera, Vec3::X * x);
+        assert_eq!(current(&mut app), expected, "at {x}");
+    }
+    app.place(camera, Vec3::X * 1000.0);
+    assert_eq!(current(&mut app), [1, 0, 1]);
+}
+
+#[test]
+fn levels_hang_below_their_object_and_share_its_meshes() {
+    let (mut app, _) = loaded();
+    let groups = ["first", "mirrored", "large"].map(|name| {
+        let entity = named(&mut app, name);
+        (entity, app.world().get::<LodGroup>(entity).expect("levels").clone())
+    });
+    let first = &groups[0].1;
+    for (entity, group) in &groups {
+        assert_eq!((group.center, group.radius), (Vec3::ZERO, 3.0_f32.sqrt()));
+        let levels: Vec<_> =
+            group.levels.iter().map(|level| (level.level, level.faces, level.primitives.len())).collect();
+        assert_eq!(levels, [(0, 9, 1), (2, 2, 1), (1, 1, 1)], "the stone below the first house is not part of it");
+        for (level, other) in group.levels.iter().zip(&first.levels) {
+            assert_eq!(level.primitives[0].mesh, other.primitives[0].mesh);
+            let part = app.world().entity(level.primitives[0].entity);
+            assert_eq!(part.get::<ChildOf>().map(ChildOf::parent), Some(*entity));
+            assert_eq!(part.get::<LodMember>().map(|member| member.group), Some(*entity));
+        }
+    }
+}
+
+#[test]
+fn a_hidden_object_is_hidden_at_every_level() {
+    let (mut app, _) = loaded();
+    let camera = app.camera(Vec3::ZERO);
+    let object = named(&mut app, "large");
+    app.world().entity_mut(object).insert(Visibility::Hidden);
+    app.place(camera, Vec3::ZERO);
+    let group = app.world().get::<LodGroup>(object).expect("levels").clone();
+    for part in group.levels.iter().flat_map(|level| &level.primitives) {
+        assert!(!app.world().get::<InheritedVisibility>(part.entity).expect("visibility").get());
+    }
+    let other = named(&mut app, "first");
+    let part = app.world().get::<LodGroup>(other).expect("levels").levels[0].primitives[0].entity;
+    assert!(app.world().get::<InheritedVisibility>(part).expect("visibility").get());
+}
+
+#[test]
+fn the_instance_of_a_scene_sets_what_its_objects_do_not() {
+    let (mut app, root) = loaded();
+    app.camera(Vec3::X * 5000.0);
+    app.app.update();
+    assert_eq!(current(&mut app), [1, 1, 1]);
+    app.world().entity_mut(root).insert(SimpliguardLods { force: Some(2), ..default() });
+    let first = named(&mut app, "first");
+    app.lods(first).force = Some(0);
+    app.app.update();
+    assert_eq!(current(&mut app), [0, 2, 2]);
+    app.world().entity_mut(root).insert(SimpliguardLods { enabled: false, ..default() });
+    app.app.update();
+    assert_eq!(current(&mut app), [0, 0, 0]);
+}
+
+#[test]
+fn a_scene_without_sources_shows_the_most_detailed_levels() {
+    let mut app = TestApp::new();
+    let nodes = json!([{ "name": "a" }, object_level(2, 1, 0.01, 0), object_level(1, 2, 0.02, 0)]);
+    app.add_file("village.glb", village().set("nodes", nodes).set("scenes", json!([{ "nodes": [0] }])).bytes());
+    app.spawn("village.glb", 0, Vec3::ZERO);
+    app.camera(Vec3::ZERO);
+    app.app.update();
+    let object = named(&mut app, "a");
+    assert_eq!(app.lods(object).current, 2);
+}
+
+/// Notes the materials that are made, with whether they cull, and those that entities get.
+#[derive(Clone, Default)]
+struct Painter {
+    made: Arc<Mutex<Vec<(String, bool)>>>,
+    used: Arc<Mutex<Vec<String>>>,
+}
+
+impl GltfExtensionHandler for Painter {
+    fn dyn_clone(&self) -> Box<dyn ErasedGltfExtensionHandler> {
+        Box::new(self.clone())
+    }
+
+    fn on_material(
+        &mut self,
+        _: &mut LoadContext<'_>,
+        _: &gltf::Material<'_>,
+        _: Handle<GltfMaterial>,
+        asset: &GltfMaterial,
+        label: &str,
+    ) {
+        self.made.lock().expect("not poisoned").push((label.to_owned(), asset.cull_mode.is_some()));
+    }
+
+    fn on_spawn_mesh_and_material(
+        &mut self,
+        _: &mut LoadContext<'_>,
+        _: &gltf::Primitive<'_>,
+        _: &gltf::Mesh<'_>,
+        _: &gltf::Material<'_>,
+        _: &mut EntityWorldMut<'_>,
+        label: &str,
+    ) {
+        self.used.lock().expect("not poisoned").push(label.to_owned());
+    }
+}
+
+#[test]
+fn mirrored_levels_have_a_material_that_shows_both_sides() {
+    let painter = Painter::default();
+    let handler = painter.clone();
+    let mut app = TestApp::with(GltfPlugin::default(), |app| {
+        block_on(app.world().resource::<GltfExtensionHandlers>().0.write()).push(Box::new(handler));
+    });
+    app.add_file("village.glb", village().bytes());
+    app.spawn("village.glb", 0, Vec3::ZERO);
+    let (made, used) = (painter.made.lock().expect("not poisoned"), painter.used.lock().expect("not poisoned"));
+    let of = |label: &str| made.iter().filter(|(made, _)| made == label).map(|(_, culls)| *culls).collect::<Vec<_>>();
+    assert_eq!((of("Material1"), of("Material1 (inverted)")), (vec![true], vec![false]), "{made:?}");
+    let count = |label: &str| used.iter().filter(|used| *used == label).count();
+    assert_eq!((count("Material1"), count("Material1 (inverted)")), (4, 2), "{used:?}");
+}

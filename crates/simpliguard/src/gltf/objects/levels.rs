@@ -1,0 +1,217 @@
+//! The levels of an object: taken out of its baked file, and written as nodes for each of its instances.
+
+use serde::Deserialize;
+use serde_json::{Value, json};
+
+use super::copy::Copier;
+use super::find::Object;
+use super::recipe::INSTANCING;
+use crate::Error;
+use crate::gltf::export::builder::{Builder, Kind, index, indices};
+use crate::gltf::export::clips::copy_weight_channels;
+use crate::gltf::export::hierarchy::TRANSFORM;
+
+/// Pixels of the screen that coverages are computed for. glTF does not know the screen that a level is seen on.
+const SCREEN: [f64; 2] = [1920.0, 1080.0];
+
+/// The levels of all instances of an object.
+#[derive(Default)]
+pub(super) struct Levels {
+    /// In falling detail.
+    levels: Vec<Level>,
+}
+
+/// A level whose mesh is in the scene's document.
+struct Level {
+    mesh: usize,
+    skin: Option<Skin>,
+    stamp: Stamp,
+}
+
+/// What the export has written to a level's node.
+#[derive(Clone, Deserialize)]
+struct Stamp {
+    level: u32,
+    budget: u32,
+    faces: u32,
+    error: Value,
+    /// The node of the object whose morph targets the level has.
+    morphs: Option<usize>,
+}
+
+/// The skin of a level.
+struct Skin {
+    /// Joints by their numbers in the object.
+    joints: Vec<usize>,
+    /// The accessor of the matrices in the scene.
+    inverse_bind: Option<usize>,
+}
+
+impl Levels {
+    /// Copies the levels in the file of a baked object into the scene.
+    ///
+    /// # Errors
+    /// If the file is none that the export writes.
+    pub(super) fn take(scene: &mut Builder, name: &str, glb: &[u8]) -> Result<Self, Error> {
+        let (from, mut copier) = (Builder::from_glb(&scene.asset, glb)?, Copier::new(false));
+        let mut levels = Vec::new();
+        for node in from.all(Kind::Node) {
+            let stamp = node.pointer("/extras/simpliguard").and_then(|stamp| Stamp::deserialize(stamp).ok());
+            let Some((stamp, mesh)) = stamp.zip(index(node, "mesh")) else { continue };
+            let Some(mesh) = copier.copy(&from, scene, Kind::Mesh, mesh) else { continue };
+            scene.all_mut(Kind::Mesh)[mesh]["name"] = json!(format!("{name} LOD{}", stamp.level));
+            let skin = index(node, "skin").and_then(|skin| from.all(Kind::Skin).get(skin)).map(|skin| {
+                let matrices = index(skin, "inverseBindMatrices");
+                let inverse_bind = matrices.and_then(|accessor| copier.copy(&from, scene, Kind::Accessor, accessor));
+                Skin { joints: indices(skin, "joints").collect(), inverse_bind }
+            });
+            levels.push(Level { mesh, skin, stamp });
+        }
+        levels.sort_by_key(|level| std::cmp::Reverse(level.stamp.budget));
+        Ok(Self { levels })
+    }
+
+    pub(super) fn is_empty(&self) -> bool {
+        self.levels.is_empty()
+    }
+
+    /// Writes the nodes of an instance of the object. Returns the first: the most detailed level.
+    pub(super) fn place(&self, scene: &mut Builder, object: &Object, version: &str) -> Option<usize> {
+        let first = scene.all(Kind::Node).len();
+        for level in &self.levels {
+            let node = level.node(scene, object, version);
+            let node = scene.push(Kind::Node, node);
+            if let Some(driver) = level.stamp.morphs.and_then(|driver| object.nodes.get(driver)) {
+                copy_weight_channels(scene, *driver, &[node]);
+            }
+        }
+        let ids: Vec<usize> = (first..scene.all(Kind::Node).len()).collect();
+        if let Some(anchor) = object.anchor.filter(|_| object.owns_subtree && !ids.is_empty()) {
+            set_lods(scene, anchor, &ids, &self.coverages());
+        }
+        ids.first().copied()
+    }
+
+    /// The least screen coverage of the source and of each level: fraction of the screen that the bounding sphere covers
+    /// where the error of the next level is one pixel. The last is never left.
+    fn coverages(&self) -> Vec<f64> {
+        let mut coverages = Vec::with_capacity(self.levels.len() + 1);
+        let mut error = 0.0_f64;
+        for level in &self.levels {
+            error = error.max(level.stamp.error.as_f64().unwrap_or(0.0));
+            let diameter = 1.0 / error;
+            let coverage = 0.25 * std::f64::consts::PI * diameter * diameter / (SCREEN[0] * SCREEN[1]);
+            // Five digits: nobody measures coverage so well.
+            coverages.push((coverage.min(1.0) * 1e5).round() / 1e5);
+        }
+        coverages.push(0.0);
+        coverages
+    }
+}
+
+impl Level {
+    fn node(&self, scene: &mut Builder, object: &Object, version: &str) -> Value {
+        let Stamp { level, budget, faces, error, morphs } = &self.stamp;
+        let holder = &scene.all(Kind::Node)[object.holder];
+        let name = holder.get("name").and_then(Value::as_str).map_or_else(String::new, |name| format!("{name} "));
+        let mut stamp = json!({
+            "version": version, "level": level, "budget": budget, "faces": faces, "error": error,
+            "object": object.holder, "replaces": object.mesh_nodes,
+        });
+        if let Some(anchor) = object.anchor {
+            stamp["space"] = json!(anchor);
+        }
+        if let Some(driver) = morphs.and_then(|driver| object.nodes.get(driver)) {
+            stamp["morphs"] = json!(driver);
+        }
+        let mut node = json!({ "name": format!("{name}LOD{level}"), "mesh": self.mesh });
+        if let Some(anchor) = object.anchor.map(|anchor| &scene.all(Kind::Node)[anchor]) {
+            if self.skin.is_none() {
+                TRANSFORM.iter().filter_map(|&key| Some((key, anchor.get(key)?))).for_each(|(key, value)| {
+                    node[key] = value.clone();
+                });
+            }
+            let instancing = anchor.get("extensions").and_then(|extensions| extensions.get(INSTANCING));
+            if let Some(instancing) = instancing.filter(|_| object.nodes.len() == 1) {
+                node["extensions"] = json!({ INSTANCING: instancing });
+            }
+        }
+        node["extras"] = json!({ "simpliguard": stamp });
+        if let Some(skin) = &self.skin {
+            node["skin"] = json!(skin.write(scene, object));
+        }
+        node
+    }
+}
+
+impl Skin {
+    /// Writes the skin on the joints of an instance.
+    fn write(&self, scene: &mut Builder, object: &Object) -> usize {
+        let joints: Vec<usize> = self.joints.iter().filter_map(|&joint| object.nodes.get(joint).copied()).collect();
+        let mut skin = json!({ "joints": joints });
+        if let Some(accessor) = self.inverse_bind {
+            skin["inverseBindMatrices"] = json!(accessor);
+        }
+        scene.push(Kind::Skin, skin)
+    }
+}
+
+/// Sets `MSFT_lod` and the screen coverages of a node.
+fn set_lods(scene: &mut Builder, node: usize, ids: &[usize], coverages: &[f64]) {
+    let Some(members) = scene.all_mut(Kind::Node)[node].as_object_mut() else { return };
+    if let Some(extensions) = members.entry("extensions").or_insert_with(|| json!({})).as_object_mut() {
+        extensions.insert("MSFT_lod".into(), json!({ "ids": ids }));
+    }
+    if let Some(extras) = members.entry("extras").or_insert_with(|| json!({})).as_object_mut() {
+        extras.insert("MSFT_screencoverage".into(), json!(coverages));
+    }
+    scene.use_extension("MSFT_lod");
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn levels(errors: &[f64]) -> Levels {
+        let stamp = |error: f64| Stamp { level: 1, budget: 9, faces: 8, error: json!(error), morphs: None };
+        let level = |error: &f64| Level { mesh: 0, skin: None, stamp: stamp(*error) };
+        Levels { levels: errors.iter().map(level).collect() }
+    }
+
+    #[test]
+    fn coverages_fall_and_the_last_level_stays() {
+        // At an error of a hundredth, the object is a hundred pixels wide: 7,854 of 2,073,600 pixels.
+        assert_eq!(levels(&[0.01, 0.02]).coverages(), [0.00379, 0.00095, 0.0]);
+        assert_eq!(levels(&[0.02, 0.01]).coverages(), [0.00095, 0.00095, 0.0]);
+        assert_eq!(levels(&[0.0]).coverages(), [1.0, 0.0]);
+    }
+
+    #[test]
+    fn a_level_is_a_sibling_of_its_object() {
+        let mut scene = Builder::new("test");
+        let instancing = json!({ INSTANCING: { "attributes": {} } });
+        let chair = json!({ "name": "Chair", "mesh": 0, "translation": [1, 2, 3], "extras": { "cost": 5 },
+            "extensions": instancing });
+        scene.push(Kind::Node, chair);
+        let object = Object { holder: 0, anchor: Some(0), nodes: vec![0], mesh_nodes: vec![0], owns_subtree: true };
+        assert_eq!(levels(&[0.01]).place(&mut scene, &object, "7"), Some(1));
+        let stamp = json!({ "version": "7", "level": 1, "budget": 9, "faces": 8, "error": 0.01, "object": 0,
+            "replaces": [0], "space": 0 });
+        let level = json!({ "name": "Chair LOD1", "mesh": 0, "translation": [1, 2, 3], "extensions": instancing,
+            "extras": { "simpliguard": stamp } });
+        assert_eq!(scene.all(Kind::Node)[1], level);
+        let chair = &scene.all(Kind::Node)[0];
+        assert_eq!(chair["extensions"]["MSFT_lod"]["ids"], json!([1]));
+        assert_eq!(chair["extras"], json!({ "cost": 5, "MSFT_screencoverage": [0.00379, 0.0] }));
+    }
+
+    #[test]
+    fn other_things_below_a_node_are_not_replaced() {
+        let mut scene = Builder::new("test");
+        scene.push(Kind::Node, json!({ "mesh": 0, "children": [1] }));
+        scene.push(Kind::Node, json!({ "camera": 0 }));
+        let object = Object { holder: 0, anchor: Some(0), nodes: vec![0], mesh_nodes: vec![0], owns_subtree: false };
+        assert_eq!(levels(&[0.01]).place(&mut scene, &object, "7"), Some(2));
+        assert!(scene.all(Kind::Node)[0].get("extensions").is_none());
+    }
+}

@@ -1,0 +1,226 @@
+//! The bake of a scene file object by object: `scope: Objects`.
+//!
+//! The caller bakes each object that [`SceneBake::next_object`] returns, in any way it likes: a cache finds most of them.
+//! Only one object and the scene's own bytes are in memory at a time.
+
+use std::collections::HashMap;
+
+use simpliguard_key::{Key, KeyBuilder};
+
+use super::baked::Baked;
+use super::context::{Context, Progress, ProgressSink};
+use super::report::{ObjectReport, Report, StageSeconds, Status};
+use super::version::PIPELINE_VERSION;
+use crate::gltf::{ImportLimits, ObjectScene};
+use crate::settings::{BakeSettings, ExistingLods, Scope, SourceGeometry};
+use crate::{Error, NoResources, Source};
+
+/// Fewest triangles of a level of an object: those of a box.
+const FEWEST: u64 = 12;
+
+/// A scene file whose objects are being baked.
+pub struct SceneBake {
+    scene: ObjectScene,
+    asset: String,
+    settings: BakeSettings,
+    /// Number of the next kind of objects.
+    next: usize,
+    /// The kinds whose files were built, by the hash of the file.
+    built: HashMap<Key, usize>,
+    /// The report of each kind that has one.
+    reports: Vec<Option<ObjectReport>>,
+    notes: Vec<String>,
+    seconds: StageSeconds,
+}
+
+/// An object to bake.
+pub struct ObjectSource {
+    /// Its name in messages: that of the scene file and that of the object.
+    pub name: String,
+    /// Its settings.
+    pub settings: BakeSettings,
+    glb: Vec<u8>,
+    kind: usize,
+}
+
+impl ObjectSource {
+    /// The input of its bake.
+    pub fn source(&self) -> Source<'_> {
+        Source { name: &self.name, bytes: &self.glb, resources: &NoResources }
+    }
+}
+
+impl SceneBake {
+    /// Reads a scene file and divides it into objects. `None` for a file that passes through, or that has no objects: it is
+    /// baked as a whole.
+    ///
+    /// # Errors
+    /// Those of the import, but for what the import of an object finds.
+    pub fn open(source: &Source<'_>, settings: &BakeSettings, context: &Context<'_>) -> Result<Option<Self>, Error> {
+        if !settings.enabled {
+            return Ok(None);
+        }
+        let mut limits = ImportLimits::default();
+        limits.memory = context.memory.unwrap_or(limits.memory);
+        let scene = ObjectScene::read(source, &limits, &settings.objects, &context.cancellation)?;
+        if scene.kinds().is_empty() || scene.has_levels && settings.existing_lods == ExistingLods::Keep {
+            return Ok(None);
+        }
+        let reports = scene.kinds().iter().map(|_| None).collect();
+        Ok(Some(Self {
+            scene,
+            asset: source.name.to_owned(),
+            settings: settings.clone(),
+            next: 0,
+            built: HashMap::new(),
+            reports,
+            notes: Vec::new(),
+            seconds: Vec::new(),
+        }))
+    }
+
+    /// The next object to bake. Small ones and those that equal an earlier one are left out. `None` after the last.
+    ///
+    /// # Errors
+    /// [`Error::Limit`] for an object above 4 GiB.
+    pub fn next_object(&mut self) -> Result<Option<ObjectSource>, Error> {
+        while let Some(found) = self.scene.kinds().get(self.next) {
+            let kind = self.next;
+            self.next += 1;
+            let Some(settings) = object_settings(&self.settings, found.faces) else { continue };
+            let (name, instances) = (found.name.clone(), found.instances);
+            let glb = self.scene.build(kind)?;
+            let first = *self.built.entry(KeyBuilder::new(PIPELINE_VERSION).input(&glb).finish()).or_insert(kind);
+            if first != kind {
+                self.scene.share(kind, first);
+                self.reports[first].iter_mut().for_each(|report| report.instances += instances);
+                continue;
+            }
+            return Ok(Some(ObjectSource { name: format!("{}: {name}", self.asset), settings, glb, kind }));
+        }
+        Ok(None)
+    }
+
+    /// Takes the result of a bake: binary glTF and its report. An object that cannot be baked keeps its own mesh, and the
+    /// report says why.
+    ///
+    /// # Errors
+    /// The error of a bake that was cancelled, or that shows that the settings are wrong.
+    pub fn take(&mut self, object: &ObjectSource, result: Result<(Vec<u8>, Report), Error>) -> Result<(), Error> {
+        let (glb, report) = match result {
+            Ok(result) => result,
+            Err(error @ (Error::Cancelled { .. } | Error::Settings(_))) => return Err(error),
+            Err(error) => {
+                self.notes.push(format!("an object gets no levels: {error}"));
+                return Ok(());
+            }
+        };
+        if report.status == Status::Baked {
+            self.scene.take_levels(object.kind, &glb)?;
+        }
+        let found = &self.scene.kinds()[object.kind];
+        self.notes.extend(report.notes.iter().map(|note| format!("{}: {note}", found.name)));
+        for (stage, seconds) in report.seconds {
+            match self.seconds.iter_mut().find(|(known, _)| *known == stage) {
+                Some((_, sum)) => *sum += seconds,
+                None => self.seconds.push((stage, seconds)),
+            }
+        }
+        let (name, instances) = (found.name.clone(), found.instances);
+        let report = ObjectReport { name, instances, source_faces: report.source_faces, levels: report.levels };
+        self.reports[object.kind] = Some(report);
+        Ok(())
+    }
+
+    /// The part of the progress of the whole bake that `object` has.
+    pub fn progress<'s>(&self, object: &ObjectSource, sink: &'s dyn ProgressSink) -> ObjectProgress<'s> {
+        let share = 1.0 / self.scene.kinds().len() as f32;
+        ObjectProgress { sink, begin: object.kind as f32 * share, share }
+    }
+
+    /// The scene with the levels of all objects.
+    ///
+    /// # Errors
+    /// [`Error::Limit`] above 4 GiB.
+    pub fn finish(self) -> Result<Baked, Error> {
+        let Self { scene, settings, reports, notes, seconds, .. } = self;
+        let source_faces = scene.kinds().iter().map(|kind| kind.faces * u64::from(kind.instances)).sum();
+        let glb = scene.finish(settings.source == SourceGeometry::Keep, PIPELINE_VERSION)?;
+        let objects: Vec<ObjectReport> = reports.into_iter().flatten().collect();
+        let has_levels = objects.iter().any(|object| !object.levels.is_empty());
+        let status = if has_levels { Status::Baked } else { Status::SmallEnough };
+        let report = Report { status, source_faces, levels: Vec::new(), objects, notes, seconds };
+        Ok(Baked { glb, levels: Vec::new(), model: None, report })
+    }
+}
+
+/// Passes the progress of an object on, as a part of that of its scene.
+pub struct ObjectProgress<'a> {
+    sink: &'a dyn ProgressSink,
+    begin: f32,
+    share: f32,
+}
+
+impl ProgressSink for ObjectProgress<'_> {
+    fn report(&self, progress: Progress) {
+        let fraction = self.begin + self.share * progress.fraction;
+        self.sink.report(Progress { fraction, ..progress });
+    }
+}
+
+/// The settings of an object of so many triangles. `None` for one that is too small for levels. Settings that concern the
+/// scene are the built-in ones, so that objects of all scenes have the same keys.
+fn object_settings(settings: &BakeSettings, faces: u64) -> Option<BakeSettings> {
+    if faces < u64::from(settings.object_faces) {
+        return None;
+    }
+    let built_in = BakeSettings::default();
+    let faces = if settings.targets.is_empty() { budgets(&settings.faces, faces) } else { settings.faces.clone() };
+    (!faces.is_empty()).then(|| BakeSettings {
+        scope: Scope::Scene,
+        objects: built_in.objects,
+        object_faces: built_in.object_faces,
+        // The scene has the object's own mesh.
+        source: SourceGeometry::Drop,
+        faces,
+        ..settings.clone()
+    })
+}
+
+/// The budgets of an object of so many triangles, ascending: at most those that were asked for, and at most half of the next.
+fn budgets(wanted: &[u32], faces: u64) -> Vec<u32> {
+    let halve = |above: &mut u64, &budget: &u32| {
+        *above = (*above / 2).min(u64::from(budget));
+        Some(*above)
+    };
+    let budgets = wanted.iter().rev().scan(faces, halve).take_while(|&budget| budget >= FEWEST);
+    let mut budgets: Vec<u32> = budgets.map(|budget| budget as u32).collect();
+    budgets.reverse();
+    budgets
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn budgets_suit_the_size_of_an_object() {
+        let of = |faces| budgets(&[1000, 2000, 4000], faces);
+        assert_eq!(of(100_000), [1000, 2000, 4000]);
+        assert_eq!(of(5000), [625, 1250, 2500]);
+        assert_eq!(of(100), [12, 25, 50]);
+        assert_eq!(of(30), [15]);
+        assert_eq!(of(23), [0; 0]);
+        assert_eq!(budgets(&[3000, 4000], 100_000), [2000, 4000]);
+    }
+
+    #[test]
+    fn objects_share_keys_whatever_their_scene_asks_for() {
+        let base = BakeSettings { scope: Scope::Objects, ..BakeSettings::default() };
+        let other = BakeSettings { object_faces: 50, source: SourceGeometry::Drop, ..base.clone() };
+        let of = |settings| object_settings(settings, 9000).expect("large enough");
+        assert_eq!(of(&base), of(&other));
+        assert_eq!((of(&base).scope, &of(&base).faces[..]), (Scope::Scene, &[1000, 2000, 4000][..]));
+        assert_eq!(object_settings(&base, 99), None);
+    }
+}

@@ -1,0 +1,232 @@
+//! Levels for each object of a scene: a village of 300 objects in one glTF file, drawn with levels and without.
+//!
+//! ```sh
+//! cargo run --example village                    # prints triangles, meshes and frame times, and ends
+//! cargo run --example village -- --stay          # stays open: F3 hides the panel, L turns levels on and off
+//! xvfb-run cargo run --example village -- --screenshot target/village/pictures
+//! ```
+//!
+//! The scene is made here and written to `target/village/assets`, with a `.meta` file that says `scope: Objects`. The game
+//! spawns it like any other scene. Its 300 objects are 20 meshes, so there are 20 bakes. Each object switches on its own:
+//! from the middle of the village, some show their source and others the smallest level.
+
+mod scene;
+mod shapes;
+#[path = "../shared/timing.rs"]
+mod timing;
+
+use std::collections::{BTreeSet, VecDeque};
+use std::path::{Path, PathBuf};
+
+use bevy::asset::AssetMode;
+use bevy::asset::io::file::FileAssetReader;
+use bevy::light::CascadeShadowConfigBuilder;
+use bevy::prelude::*;
+use bevy::render::view::screenshot::{Screenshot, ScreenshotCaptured, save_to_disk};
+use bevy::window::PresentMode;
+use bevy_simpliguard::lod::{LodGroup, LodMember};
+use bevy_simpliguard::overlay::thousands;
+use bevy_simpliguard::{BakeFailed, BakeMode, LodSettings, LodStats, OverlayPlugin, SimpliguardPlugin};
+use clap::Parser;
+
+use scene::RADIUS;
+use timing::{Timer, Timing};
+
+/// The folder of the scene, below that of all assets.
+const FOLDER: &str = "target/village";
+
+const AIR: Color = Color::srgb(0.70, 0.80, 0.90);
+
+#[derive(Parser, Resource, Clone)]
+struct Options {
+    /// A folder for pictures from near, the middle and afar.
+    #[arg(long, value_name = "DIR")]
+    screenshot: Option<PathBuf>,
+    /// Measure nothing and stay open.
+    #[arg(long)]
+    stay: bool,
+}
+
+/// Where the village is seen from.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Place {
+    Near,
+    Middle,
+    Far,
+}
+
+impl Place {
+    fn view(self) -> Transform {
+        let (position, focus) = match self {
+            Self::Near => (Vec3::new(4.0, 1.8, 22.0), Vec3::new(0.0, 1.5, 0.0)),
+            Self::Middle => (Vec3::new(0.0, 0.3 * RADIUS, 1.3 * RADIUS), Vec3::new(0.0, 0.0, 0.2 * RADIUS)),
+            Self::Far => (Vec3::new(0.0, 1.2 * RADIUS, 4.0 * RADIUS), Vec3::ZERO),
+        };
+        Transform::from_translation(position).looking_at(focus, Vec3::Y)
+    }
+}
+
+fn main() -> AppExit {
+    let options = Options::parse();
+    let folder = FileAssetReader::get_base_path().join(FOLDER).join("assets");
+    if let Err(error) = scene::write(&folder) {
+        return fail(&folder, &error);
+    }
+    let window = Window {
+        title: "village".into(),
+        resolution: (1280, 720).into(),
+        present_mode: if options.stay { PresentMode::AutoVsync } else { PresentMode::AutoNoVsync },
+        ..default()
+    };
+    let assets = AssetPlugin {
+        mode: AssetMode::Processed,
+        file_path: format!("{FOLDER}/assets"),
+        processed_file_path: format!("{FOLDER}/imported_assets/Default"),
+        ..default()
+    };
+    App::new()
+        .add_plugins((
+            SimpliguardPlugin { mode: Some(BakeMode::Blocking), ..default() },
+            DefaultPlugins.set(assets).set(WindowPlugin { primary_window: Some(window), ..default() }),
+            OverlayPlugin::default(),
+        ))
+        .insert_resource(Measurements::new(&options))
+        .insert_resource(options)
+        .insert_resource(ClearColor(AIR))
+        .add_systems(Startup, setup)
+        .add_systems(Update, (measure.run_if(has_levels), give_up))
+        .add_observer(|_: On<ScreenshotCaptured>, mut all: ResMut<Measurements>| all.is_exposing = false)
+        .run()
+}
+
+#[expect(clippy::print_stderr, reason = "a program's own message")]
+fn fail(folder: &Path, error: &std::io::Error) -> AppExit {
+    eprintln!("{}: the village cannot be written: {error}", folder.display());
+    AppExit::error()
+}
+
+fn setup(
+    mut commands: Commands,
+    server: Res<AssetServer>,
+    mut meshes: ResMut<Assets<Mesh>>,
+    mut materials: ResMut<Assets<StandardMaterial>>,
+) {
+    commands.spawn(WorldAssetRoot(server.load(format!("{}#Scene0", scene::FILE))));
+    let fog = DistanceFog {
+        color: AIR,
+        falloff: FogFalloff::Linear { start: 5.0 * RADIUS, end: 20.0 * RADIUS },
+        ..default()
+    };
+    let ambient = AmbientLight { brightness: 500.0, ..default() };
+    commands.spawn((Camera3d::default(), fog, ambient, Place::Near.view()));
+    commands.spawn((
+        DirectionalLight {
+            color: Color::srgb(1.0, 0.95, 0.86),
+            illuminance: 9_000.0,
+            shadow_maps_enabled: true,
+            ..default()
+        },
+        CascadeShadowConfigBuilder { num_cascades: 1, maximum_distance: 3.0 * RADIUS, ..default() }.build(),
+        Transform::from_xyz(-5.0, 6.0, 4.0).looking_at(Vec3::ZERO, Vec3::Y),
+    ));
+    let grass = StandardMaterial { base_color: Color::srgb(0.33, 0.42, 0.18), perceptual_roughness: 1.0, ..default() };
+    commands.spawn((
+        Mesh3d(meshes.add(Plane3d::default().mesh().size(40.0 * RADIUS, 40.0 * RADIUS))),
+        MeshMaterial3d(materials.add(grass)),
+    ));
+}
+
+/// Whether the village is there with its levels.
+fn has_levels(groups: Query<(), With<LodGroup>>) -> bool {
+    !groups.is_empty()
+}
+
+fn give_up(mut failed: MessageReader<BakeFailed>, mut exit: MessageWriter<AppExit>) {
+    if let Some(bake) = failed.read().next() {
+        error!("no village: {}", bake.error);
+        exit.write(AppExit::error());
+    }
+}
+
+/// What is left to be measured, and what was.
+#[derive(Resource)]
+struct Measurements {
+    left: VecDeque<(Place, bool)>,
+    timer: Timer,
+    with_levels: Option<Measured>,
+    is_exposing: bool,
+}
+
+#[derive(Clone, Copy)]
+struct Measured {
+    timing: Timing,
+    triangles: u64,
+    /// Mesh entities in view, and different meshes among them: those of one mesh and material are one batch.
+    meshes: (usize, usize),
+}
+
+impl Measurements {
+    fn new(options: &Options) -> Self {
+        let both = |place| [(place, true), (place, false)];
+        let all = [Place::Near, Place::Middle, Place::Far].into_iter().flat_map(both);
+        let left = if options.stay { VecDeque::new() } else { all.collect() };
+        Self { left, timer: Timer::default(), with_levels: None, is_exposing: false }
+    }
+}
+
+impl Measured {
+    fn line(&self) -> String {
+        let Self { timing, triangles, meshes: (entities, kinds) } = self;
+        let triangles = thousands(*triangles);
+        format!(
+            "{triangles} triangles in {entities} objects of {kinds} meshes: mean {:.1} ms, 95 % {:.1} ms",
+            timing.mean, timing.p95
+        )
+    }
+}
+
+#[expect(clippy::print_stdout, reason = "the program's result")]
+#[expect(clippy::too_many_arguments, reason = "a system of Bevy lists what it uses")]
+fn measure(
+    mut commands: Commands,
+    mut all: ResMut<Measurements>,
+    options: Res<Options>,
+    time: Res<Time<Real>>,
+    stats: Res<LodStats>,
+    members: Query<(&ViewVisibility, &Mesh3d), With<LodMember>>,
+    mut settings: ResMut<LodSettings>,
+    mut camera: Single<&mut Transform, With<Camera3d>>,
+    mut exit: MessageWriter<AppExit>,
+) {
+    if all.is_exposing || options.stay {
+        return;
+    }
+    let Some(&(place, enabled)) = all.left.front() else {
+        exit.write(AppExit::Success);
+        return;
+    };
+    camera.set_if_neq(place.view());
+    if settings.enabled != enabled {
+        settings.enabled = enabled;
+    }
+    let Some(timing) = all.timer.add(time.delta()) else { return };
+    all.left.pop_front();
+    let seen: Vec<AssetId<Mesh>> = members.iter().filter(|(v, _)| v.get()).map(|(_, mesh)| mesh.id()).collect();
+    let meshes = (seen.len(), seen.iter().collect::<BTreeSet<_>>().len());
+    let measured = Measured { timing, triangles: stats.triangles, meshes };
+    let name = format!("{place:?}").to_lowercase();
+    if let Some(folder) = &options.screenshot {
+        let _ = std::fs::create_dir_all(folder);
+        let path = folder.join(format!("village_{name}{}.png", if enabled { "" } else { "_source" }));
+        commands.spawn(Screenshot::primary_window()).observe(save_to_disk(path));
+        all.is_exposing = true;
+    }
+    if enabled {
+        all.with_levels = Some(measured);
+    } else if let Some(with) = all.with_levels.take() {
+        println!("{name}");
+        println!("  levels of detail   {}", with.line());
+        println!("  source             {}", measured.line());
+        println!("  {:.1} times as fast", timing.mean / with.timing.mean);
+    }
+}
