@@ -2,12 +2,14 @@
 
 mod export;
 mod glb;
+mod gpu_cost;
 mod import;
 mod uris;
 
 pub(crate) use export::export_in;
 pub use export::{ExportParams, export, export_level};
 pub use glb::with_json;
+pub use gpu_cost::{GpuCost, encoded_image, gpu_cost, image_of_texture, texture_memory, textures_of_material};
 pub(crate) use import::import_in;
 pub use import::{ImportLimits, has_levels, import};
 pub use uris::{check_binary, external_uris};
