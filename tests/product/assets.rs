@@ -59,6 +59,6 @@ fn every_profile_resolves_for_every_model() {
 #[test]
 fn rules_reach_the_models_they_are_meant_for() {
     let bed = settings(&root().join("assets/bed.glb"), None);
-    assert_eq!(bed.settings.texture_size, 2048);
-    assert_eq!(settings(&root().join("assets/octopus.glb"), None).settings.texture_size, 1024);
+    assert_eq!(bed.settings.texture_size, 2048.into());
+    assert_eq!(settings(&root().join("assets/octopus.glb"), None).settings.texture_size, 1024.into());
 }

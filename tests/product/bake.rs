@@ -22,7 +22,7 @@ pub(super) static OCTOPUS: LazyLock<Baked> = LazyLock::new(|| {
 fn settings() -> BakeSettings {
     BakeSettings {
         faces: vec![1000, 4000],
-        texture_size: 256,
+        texture_size: 256.into(),
         refine_steps: 20,
         ..BakeSettings::preset(Quality::Draft)
     }

@@ -25,7 +25,7 @@ fn octopus() -> Vec<u8> {
     let settings = BakeSettings {
         scope: Scope::Objects,
         faces: vec![500, 1000],
-        texture_size: 64,
+        texture_size: 64.into(),
         normal_map: false,
         views: 8,
         view_size: 128,

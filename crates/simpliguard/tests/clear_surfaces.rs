@@ -74,7 +74,7 @@ fn baked(parts: &[Part]) -> Baked {
         faces: vec![600],
         views: 12,
         view_size: 128,
-        texture_size: 128,
+        texture_size: 128.into(),
         refine_steps: 0,
         resolution: Resolution::Cells(64),
         ..BakeSettings::preset(Quality::Draft)

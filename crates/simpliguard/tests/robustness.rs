@@ -33,7 +33,7 @@ fn settings(faces: &[u32]) -> BakeSettings {
         faces: faces.to_vec(),
         views: 8,
         view_size: 128,
-        texture_size: 64,
+        texture_size: 64.into(),
         resolution: Resolution::Cells(32),
         normal_map: false,
         ..BakeSettings::preset(Quality::Draft)

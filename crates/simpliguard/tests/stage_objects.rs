@@ -130,7 +130,7 @@ impl Resources for Ball {
 fn settings() -> BakeSettings {
     BakeSettings {
         faces: vec![100, 200],
-        texture_size: 128,
+        texture_size: 128.into(),
         views: 8,
         view_size: 128,
         refine_steps: 4,
@@ -168,7 +168,7 @@ fn later_stages_find_the_shapes_again() {
     for changed in descent {
         assert_eq!(assert_as_cold(&ball, &changed, &store), Counts { found: 5, stored: 4 }, "{changed:?}");
     }
-    let atlas = [BakeSettings { texture_size: 256, ..settings() }, BakeSettings { gutter: 2, ..settings() }];
+    let atlas = [BakeSettings { texture_size: 256.into(), ..settings() }, BakeSettings { gutter: 2, ..settings() }];
     for changed in atlas {
         assert_eq!(assert_as_cold(&ball, &changed, &store), Counts { found: 1, stored: 8 }, "{changed:?}");
     }

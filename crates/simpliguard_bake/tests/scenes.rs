@@ -17,7 +17,7 @@ fn settings() -> BakeSettings {
     BakeSettings {
         scope: Scope::Objects,
         candidates: Candidates::Source,
-        texture_size: 64,
+        texture_size: 64.into(),
         views: 8,
         view_size: 128,
         normal_map: false,

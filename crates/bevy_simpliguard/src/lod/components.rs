@@ -81,6 +81,8 @@ pub struct LodLevel {
     /// The mesh entities that draw it.
     #[entities]
     pub primitives: Vec<LodPrimitive>,
+    /// The textures of its materials that are embedded in the file.
+    pub textures: Vec<Handle<Image>>,
 }
 
 /// One mesh entity of a level.

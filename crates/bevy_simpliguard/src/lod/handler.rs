@@ -9,6 +9,7 @@
 //! The hook is called on copies of the handlers in their first state. State that a handler has collected in other hooks
 //! is missing there.
 
+use std::collections::BTreeSet;
 use std::sync::Arc;
 
 use bevy::asset::LoadContext;
@@ -30,7 +31,7 @@ use super::bounds::{self, Bounds};
 use super::components::{LodGroup, LodLevel, LodMember, LodPrimitive};
 use super::fade::Show;
 use super::file::{self, FileGroup, FileLevel, LodFile};
-use super::mipmaps::Mipmaps;
+use super::mipmaps::{self, Mipmaps};
 
 /// Defaults of the loader settings that entities depend on. A file may override them.
 #[derive(Clone, Copy, Default)]
@@ -242,8 +243,8 @@ impl SceneBuilder<'_, '_> {
 
     /// The source: the entities that the loader has spawned for the nodes in `replaces`. `None` if they have no meshes,
     /// because the file was baked without the source.
-    fn source(&self, group: &FileGroup) -> Option<LodLevel> {
-        let mut primitives = Vec::new();
+    fn source(&mut self, group: &FileGroup) -> Option<LodLevel> {
+        let (mut primitives, mut textures) = (Vec::new(), Vec::new());
         for &index in &group.replaces {
             let children = self.world.get::<Children>(self.entities[&index]).map(|c| c.iter());
             let drawn = children.into_iter().flatten().filter_map(|c| Some((c, self.world.get::<Mesh3d>(c)?)));
@@ -255,10 +256,12 @@ impl SceneBuilder<'_, '_> {
                 faces,
             };
             primitives.extend(drawn.zip(faces).map(primitive));
+            textures.extend(mesh.iter().flat_map(|mesh| embedded_textures(mesh)));
         }
         let faces = primitives.iter().map(|p| p.faces).sum();
         let is_there = !primitives.is_empty();
-        is_there.then_some(LodLevel { level: 0, budget: faces, faces, error: 0.0, primitives })
+        let textures = self.handles(textures);
+        is_there.then_some(LodLevel { level: 0, budget: faces, faces, error: 0.0, primitives, textures })
     }
 
     /// Spawns a level. `None`, with a warning, if its joints are not in this scene.
@@ -282,7 +285,15 @@ impl SceneBuilder<'_, '_> {
             |p: gltf::Primitive<'_>| self.spawn_primitive(place, (member.clone(), skin.clone()), (&node, &mesh, &p));
         let primitives = mesh.primitives().map(spawn).collect();
         let FileLevel { level, budget, faces, error, .. } = *level;
-        Some(LodLevel { level, budget, faces, error, primitives })
+        let textures = self.handles(embedded_textures(&mesh));
+        Some(LodLevel { level, budget, faces, error, primitives, textures })
+    }
+
+    /// The images of textures, each once.
+    fn handles(&mut self, textures: impl IntoIterator<Item = usize>) -> Vec<Handle<Image>> {
+        let unique: BTreeSet<usize> = textures.into_iter().collect();
+        let label = |texture| GltfAssetLabel::Texture(texture).to_string();
+        unique.into_iter().map(|texture| self.context.get_label_handle(label(texture))).collect()
     }
 
     /// The skin on this scene's joints.
@@ -359,6 +370,13 @@ impl SceneBuilder<'_, '_> {
         }
         LodPrimitive { entity: entity.id(), mesh: handle, faces: file::faces(primitive) }
     }
+}
+
+/// The textures of a mesh whose images are in the file: these have a label.
+fn embedded_textures(mesh: &gltf::Mesh<'_>) -> Vec<usize> {
+    let all = mesh.primitives().flat_map(|primitive| mipmaps::textures(&primitive.material()));
+    let embedded = all.filter(|(texture, _)| matches!(texture.source().source(), gltf::image::Source::View { .. }));
+    embedded.map(|(texture, _)| texture.index()).collect()
 }
 
 /// The rotation of mesh entities. A loader that turns meshes to Bevy's forward direction gives their entities a half

@@ -132,7 +132,7 @@ impl Mipmaps {
 
 /// The content of a texture.
 #[derive(Clone, Copy, Debug, PartialEq)]
-enum Content {
+pub(super) enum Content {
     /// Colours, sRGB encoded.
     Colour,
     /// Colours, cut out where alpha is below this value. Mipmaps keep the fraction of texels above it.
@@ -144,7 +144,7 @@ enum Content {
 }
 
 /// The textures of a material.
-fn textures<'a>(material: &gltf::Material<'a>) -> Vec<(gltf::Texture<'a>, Content)> {
+pub(super) fn textures<'a>(material: &gltf::Material<'a>) -> Vec<(gltf::Texture<'a>, Content)> {
     let colour = match material.alpha_mode() {
         AlphaMode::Mask => Content::CutOut(material.alpha_cutoff().unwrap_or(0.5)),
         AlphaMode::Opaque | AlphaMode::Blend => Content::Colour,

@@ -25,7 +25,8 @@
 //! is not changed. Meshes and materials are those of the file, so instances of the same level are batched.
 //!
 //! [`SimpliguardLods`] on the root of an instance forces a level, changes its distances or switches its levels off. It
-//! also lists the levels with their meshes. [`LodStats`] counts triangles.
+//! also lists the levels with their meshes. [`LodStats`] counts triangles and draw calls,
+//! [`memory_of`] bytes on the GPU.
 //!
 //! # Limits
 //! - With several active 3D cameras, all cameras show the level of the one that needs the most detail, whatever its
@@ -47,6 +48,7 @@ mod distance;
 mod fade;
 mod file;
 mod handler;
+mod memory;
 mod mipmaps;
 mod stats;
 mod switch;
@@ -63,6 +65,7 @@ use bevy::transform::TransformSystems;
 
 pub use self::components::{LodGroup, LodLevel, LodMember, LodPrimitive, LodSettings, LodView, SimpliguardLods};
 use self::handler::{LoaderDefaults, LodHandler};
+pub use self::memory::{Memory, ModelMemory, memory_of};
 use self::mipmaps::Mipmaps;
 pub use self::stats::{LodLevelStats, LodStats};
 

@@ -1,4 +1,4 @@
-//! Statistics: the triangles that the levels save, for an overlay or a log.
+//! Statistics: the triangles and draw calls that the levels save, for an overlay or a log.
 
 use bevy::prelude::*;
 
@@ -20,6 +20,10 @@ pub struct LodStats {
     /// Triangles of the sources of the visible instances. For a file without the source, those of its most detailed
     /// level.
     pub source_triangles: u64,
+    /// Mesh entities drawn. The renderer may draw those of several instances in one call.
+    pub draw_calls: u64,
+    /// Mesh entities of the sources of the visible instances.
+    pub source_draw_calls: u64,
     /// Statistics of each level. The index is the number of the level, 0 for the source.
     pub levels: Vec<LodLevelStats>,
 }
@@ -50,15 +54,18 @@ pub(super) fn count(
         for slot in [Some(choice.slot), choice.next.map(|(slot, _)| slot)].into_iter().flatten() {
             let Some(level) = group.levels.get(slot) else { continue };
             let seen = level.primitives.iter().filter(|p| is_seen(p.entity));
-            let (parts, triangles) = seen.fold((0, 0), |(n, sum), p| (n + 1, sum + u64::from(p.faces)));
+            let (parts, triangles) = seen.fold((0, 0), |(n, sum): (u64, u64), p| (n + 1, sum + u64::from(p.faces)));
             if parts > 0 {
                 is_visible = true;
                 sum.add(level.level, triangles);
+                sum.draw_calls += parts;
             }
         }
         if is_visible {
             sum.visible_groups += 1;
-            sum.source_triangles += group.levels.first().map_or(0, |level| u64::from(level.faces));
+            let source = group.levels.first();
+            sum.source_triangles += source.map_or(0, |level| u64::from(level.faces));
+            sum.source_draw_calls += source.map_or(0, |level| level.primitives.len() as u64);
         }
     }
     *stats = sum;

@@ -1,4 +1,4 @@
-//! The figures in the panel: triangles, frame time and levels.
+//! The figures in the panel: triangles, draw calls, frame time and levels.
 
 use std::time::Duration;
 
@@ -49,14 +49,15 @@ pub(super) fn figures(
     text.set_if_neq(Text(format!("{}   {frame}", triangles(&stats))));
 }
 
-/// The text about triangles. Models without levels are not counted.
+/// The text about triangles and draw calls. Models without levels are not counted.
 fn triangles(stats: &LodStats) -> String {
     let (drawn, source) = (stats.triangles, stats.source_triangles);
     if source == 0 {
         return "no model with levels in view".into();
     }
     let percent = 100.0 * drawn as f64 / source as f64;
-    format!("{} of {} triangles ({percent:.1} %)", thousands(drawn), thousands(source))
+    let [calls, all] = [stats.draw_calls, stats.source_draw_calls].map(thousands);
+    format!("{} of {} triangles ({percent:.1} %)   {calls} of {all} draw calls", thousands(drawn), thousands(source))
 }
 
 /// Shows the levels that the instances have, and the number of instances in view that show each level.

@@ -1,5 +1,5 @@
-//! A panel on the screen. It shows the number of triangles, drawn and of the sources, the number of instances of each
-//! level, the frame time, and the bakes. Keys force a level. Feature `overlay`.
+//! A panel on the screen. It shows the number of triangles and draw calls, drawn and of the sources, the number of instances
+//! of each level, the frame time, the memory of sources and levels, and the bakes. Keys force a level. Feature `overlay`.
 //!
 //! ```no_run
 //! use bevy::asset::AssetMode;
@@ -21,19 +21,26 @@ mod bakes;
 mod figures;
 mod keys;
 mod levels;
+mod memory;
 mod panel;
 mod settings;
 mod style;
 #[cfg(test)]
 mod tests;
 
+use std::time::Duration;
+
 use bevy::prelude::*;
+use bevy::time::common_conditions::on_timer;
 
 pub use self::figures::thousands;
 pub use self::levels::{LEVELS, level_color};
 use self::settings::is_visible;
 pub use self::settings::{OverlayCorner, OverlayKeys, OverlaySettings};
 use crate::lod::{LodSettings, LodStats};
+
+/// Time between two counts of memory: it changes when models are loaded.
+const MEMORY_INTERVAL: Duration = Duration::from_millis(500);
 
 /// Shows the panel. It may be added before or after the other plugins.
 #[derive(Clone, Debug, Default)]
@@ -58,6 +65,10 @@ impl Plugin for OverlayPlugin {
                 )
                     .chain(),
             );
+        app.add_systems(
+            Update,
+            memory::memory.run_if(on_timer(MEMORY_INTERVAL)).run_if(is_visible).after(panel::rebuild),
+        );
         #[cfg(feature = "bake")]
         app.add_systems(Update, bakes::list.run_if(is_visible).after(panel::rebuild));
     }

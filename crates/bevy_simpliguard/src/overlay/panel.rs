@@ -6,6 +6,7 @@ use bevy::prelude::*;
 use super::bakes::BakeList;
 use super::figures::{Figures, LegendEntry, Mode};
 use super::levels::{LEVELS, level_color};
+use super::memory::MemoryLines;
 use super::settings::{OverlayCorner, OverlaySettings};
 use super::style::{DIM, TEXT, text};
 
@@ -52,6 +53,7 @@ fn spawn(commands: &mut Commands<'_, '_>, settings: &OverlaySettings) {
             }
         });
         panel.spawn((Mode, text("", 0.9 * size, DIM)));
+        panel.spawn((MemoryLines, text("", 0.9 * size, DIM)));
         #[cfg(feature = "bake")]
         panel.spawn((
             BakeList::default(),

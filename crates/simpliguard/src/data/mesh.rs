@@ -29,6 +29,11 @@ impl TriMesh {
         area_vector(self.corners(t))
     }
 
+    /// The area of all triangles.
+    pub fn area(&self) -> f32 {
+        (0..self.triangles.len()).map(|t| 0.5 * self.area_vector(t).length()).sum()
+    }
+
     /// The triangles for which `keep` returns true. Vertices are renumbered in order of first use.
     pub fn filtered(&self, mut keep: impl FnMut(usize) -> bool) -> Self {
         let mut renumbered = vec![u32::MAX; self.positions.len()];

@@ -2,6 +2,7 @@
 
 mod export;
 mod glb;
+mod gpu_cost;
 mod import;
 mod objects;
 mod uris;
@@ -9,6 +10,7 @@ mod uris;
 pub(crate) use export::export_in;
 pub use export::{ExportParams, export, export_level};
 pub use glb::with_json;
+pub use gpu_cost::{GpuCost, encoded_image, gpu_cost, image_of_texture, texture_memory, textures_of_material};
 pub(crate) use import::import_in;
 pub use import::{ImportLimits, has_levels, import};
 pub(crate) use objects::{ObjectScene, describe_scene};

@@ -10,6 +10,7 @@ use super::params::LevelParams;
 use super::report::{LevelReport, Likeness};
 use super::runner::Runner;
 use super::store::{atlas_key, choice_key, vertices_key, warm_start_key};
+use super::texture_sizes::LevelView;
 use crate::animation::Motions;
 use crate::data::{Atlas, Candidate, Influences, Level, TriMesh};
 use crate::geometry::{BoundingSphere, Topology};
@@ -55,7 +56,11 @@ impl Levels<'_> {
             return Ok(Choice::Best);
         }
         let (params, trial) = (self.params.draft(), self.run.trial());
-        let key = self.shapes.solid.key.map(|shapes| choice_key(&shapes, &params.level(*budget, false), *budget));
+        let key = self
+            .shapes
+            .solid
+            .key
+            .map(|shapes| choice_key(&shapes, &params.level(*budget, LevelView::default()), *budget));
         let is_runner_up = self.run.get_or_put(key, || {
             let draft = Levels { params: &params, run: &trial, ..*self };
             let reached = |choice| draft.task(i, choice, &trial).make().map(|made| psnr(&made));
@@ -89,8 +94,18 @@ impl Levels<'_> {
         let (budget, selected) = &self.shapes.solid.levels[i];
         let runner_up = selected.runner_up.as_ref().filter(|_| choice == Choice::RunnerUp);
         let shape = runner_up.map_or(&selected.best, |runner_up| &runner_up.shape);
-        let (params, run) = (self.params.level(*budget, shape.cards.is_some()), run.level(i + 1));
+        let (params, run) = (self.params.level(*budget, self.view(i, shape)), run.level(i + 1));
         LevelTask { all: *self, number: i + 1, budget: *budget, shape, is_runner_up: runner_up.is_some(), params, run }
+    }
+}
+
+impl Levels<'_> {
+    /// How large the level with index `i` comes into view, if it is made from a shape.
+    fn view(&self, i: usize, shape: &Shape) -> LevelView {
+        let clear = self.shapes.clear.of(self.shapes.solid.levels[i].0).map(|(_, shape)| shape.mesh.area());
+        let diagonal = self.source.deviation_metric.diagonal();
+        let area = (shape.mesh.area() + clear.sum::<f32>()) / (diagonal * diagonal);
+        LevelView::new(i, shape.cards.is_some(), (area, shape.deviation.percentile_95))
     }
 }
 

@@ -24,6 +24,7 @@ mod source;
 pub(crate) mod stage;
 pub(crate) mod store;
 mod targets;
+mod texture_sizes;
 mod version;
 mod views;
 

@@ -3,6 +3,7 @@
 
 use serde::Serialize;
 
+use super::texture_sizes::{LevelView, TextureSizes};
 use crate::data::{Reconstruction, TextureFormat};
 use crate::gltf::ExportParams;
 use crate::refine::{RefineParams, Solver, TextureAdam};
@@ -18,12 +19,8 @@ use crate::unwrap::UnwrapParams;
 /// Cells of the reconstructions that `Resolution::Auto` begins with.
 const COARSE: u32 = 128;
 const FINE: u32 = 256;
-/// Levels of at most so many faces are seen from afar: half the texture is enough.
-const SMALL_TEXTURE_FACES: u32 = 1000;
 /// Side of the largest texture of a level that is only made to be compared.
 const DRAFT_TEXTURE: u32 = 512;
-/// Side of the smallest texture.
-const SMALLEST_TEXTURE: u32 = 64;
 /// Most faces of a level whose vertices are moved at half resolution: the edges of larger levels are only a few pixels long
 /// there.
 const HALF_RESOLUTION_FACES: u32 = 2000;
@@ -51,8 +48,11 @@ pub struct Params {
     pub joint_planes: JointPlaneParams,
     /// Influences.
     pub skinning: SkinningParams,
-    /// Atlas of the larger levels.
+    /// Atlas of the levels with the largest textures.
     pub unwrap: UnwrapParams,
+    /// How the sizes of the other textures follow.
+    #[serde(skip_serializing_if = "TextureSizes::is_by_faces")]
+    pub texture_sizes: TextureSizes,
     /// Initial texture, and how it is fitted.
     pub texture: TextureParams,
     /// Differentiable rendering.
@@ -121,6 +121,7 @@ pub struct MapsParams {
 impl Params {
     /// The parameters that `settings` ask for.
     pub fn new(settings: &BakeSettings) -> Self {
+        let texture_sizes = TextureSizes::new(settings);
         let faces = || settings.faces.iter().map(|&n| Target::Faces(n)).collect();
         Self {
             import: ImportParams { enabled: settings.enabled, keep_lods: settings.existing_lods == ExistingLods::Keep },
@@ -139,7 +140,8 @@ impl Params {
             },
             joint_planes: JointPlaneParams { when: settings.joint_planes, delta: settings.joint_delta },
             skinning: skinning(settings),
-            unwrap: UnwrapParams { size: settings.texture_size, gutter: settings.gutter },
+            unwrap: UnwrapParams { size: texture_sizes.largest(settings), gutter: settings.gutter },
+            texture_sizes,
             texture: texture(settings),
             refine: refine(settings),
             maps: MapsParams {
@@ -152,12 +154,9 @@ impl Params {
         }
     }
 
-    /// The parameters of a level that differ with its budget. Cards have their outline in the texture and get all of it.
-    pub(crate) fn level(&self, budget: u32, has_cards: bool) -> LevelParams {
-        let size = match budget <= SMALL_TEXTURE_FACES && !has_cards {
-            true => (self.unwrap.size / 2).max(SMALLEST_TEXTURE),
-            false => self.unwrap.size,
-        };
+    /// The parameters of a level that differ with its budget and its view.
+    pub(crate) fn level(&self, budget: u32, view: LevelView) -> LevelParams {
+        let size = self.texture_sizes.of_level(self.unwrap.size, budget, view);
         let vertices = self.refine.vertices;
         let vertices = match LevelParams::is_half_resolution(budget) {
             true => vertices,
@@ -176,6 +175,7 @@ impl Params {
     pub(crate) fn draft(&self) -> Self {
         let mut draft = self.unrefined();
         draft.unwrap.size = draft.unwrap.size.min(DRAFT_TEXTURE);
+        draft.texture_sizes = TextureSizes::Faces;
         draft.maps = MapsParams { normal_map: false, format: TextureFormat::Png, ..draft.maps };
         draft
     }
@@ -299,11 +299,12 @@ mod tests {
     fn small_levels_have_half_the_texture_and_large_ones_a_third_of_the_steps() {
         let params = Params::new(&BakeSettings::default());
         let of = |budget| {
-            let level = params.level(budget, false);
+            let level = params.level(budget, LevelView::default());
             (level.unwrap.size, level.refine.vertices.steps, level.refine.has_half_resolution_steps())
         };
         assert_eq!([1000, 2000, 4000].map(of), [(512, 400, true), (1024, 400, true), (1024, 133, false)]);
-        assert_eq!(params.level(1000, true).unwrap.size, 1024);
+        let cards = LevelView { has_cards: true, ..LevelView::default() };
+        assert_eq!(params.level(1000, cards).unwrap.size, 1024);
     }
 
     #[test]
@@ -331,6 +332,8 @@ mod tests {
             ("joint_delta", "0.2"),
             ("poses", "7"),
             ("texture_size", "64"),
+            ("texture_size", "auto"),
+            ("texture_size", "64,1024"),
             ("texture_format", "jpeg-90"),
             ("gutter", "2"),
             ("normal_map", "false"),

@@ -7,6 +7,7 @@ use super::runner::Runner;
 use super::source::{PreparedSource, StageTools};
 use super::store::{candidate_key, form_key, shapes_key, vertices_key};
 use super::targets::Targets;
+use super::texture_sizes::LevelView;
 use super::views::Views;
 use crate::data::{Candidate, Deviation};
 use crate::geometry::Topology;
@@ -81,7 +82,9 @@ pub(super) fn find(
 
 /// The store holds the refined vertices of the level of a budget.
 pub(super) fn is_refined(shapes: Option<Key>, params: &Params, budget: u32, run: &Runner<'_>) -> bool {
-    run.knows(shapes.map(|shapes| vertices_key(&shapes, &params.level(budget, false), budget, false)))
+    // Other sizes of textures follow from shapes that are not known yet.
+    let shapes = shapes.filter(|_| params.texture_sizes.is_by_faces());
+    run.knows(shapes.map(|shapes| vertices_key(&shapes, &params.level(budget, LevelView::default()), budget, false)))
 }
 
 struct ShapeFinder<'a> {

@@ -10,6 +10,7 @@ use super::choices::{
 use super::field::{FieldInfo, PerQuality, ValueSeed, always, by_quality, check};
 use super::target::Target;
 use super::text::did_you_mean;
+use super::texture_size::TextureSize;
 use super::value::{Limit, Value};
 use crate::Error;
 use crate::data::{MaterialWeight, NodePattern, TextureFormat};
@@ -193,8 +194,14 @@ settings! {
     /// source's clips, or rotations of its joints if it has no clips. Textures and vertices are fitted to more poses:
     /// up to half as many as there are views. With 0, the rest pose alone counts.
     poses: u32 = by_quality(2, 4, 6), Limit::Between(0.0, 16.0);
-    /// Side of each level's square textures, in texels. Levels of at most 1,000 faces have textures of half this size.
-    texture_size: u32 = by_quality(512, 1024, 1024), Limit::PowerOfTwo(64, 4096);
+    /// Side of each level's square textures, in texels. Levels of at most 1,000 faces have textures of half this size. A
+    /// list has the size of each level, the smallest level first; its last number is for all levels beyond. With `Auto`,
+    /// a level's textures are as large as they are seen where the level comes into view, and at most as large as by
+    /// default.
+    texture_size: TextureSize = by_quality(512.into(), 1024.into(), 1024.into()), Limit::PowerOfTwo(64, 4096);
+    /// Texels for each pixel along a side of the textures that `texture_size: Auto` gives a level. Games that set
+    /// `pixel_error` below 1, or a bias above 1, see levels from nearer by: 2 suits half the distance.
+    texture_oversampling: f32 = always(1.0), Limit::Between(0.25, 8.0);
     /// Format of colour textures. `Jpeg(90)` takes a fraction of the bytes of PNG. Images with alpha stay PNG, and so
     /// do images that are not colours: normals, occlusion, roughness and metalness.
     texture_format: TextureFormat = always(TextureFormat::Png), Limit::Between(1.0, 100.0);
@@ -296,7 +303,8 @@ mod tests {
         assert_eq!(message("quality", "good"), "settings: quality=good: expected draft, standard or best");
         assert_eq!(
             message("texture_size", "1000"),
-            "settings: texture_size: 1000 is out of range: expected a power of two from 64 to 4096; the \
+            "settings: texture_size: 1000 is out of range: expected a power of two from 64 to 4096, a list of 1 to 8 of \
+             them, or Auto; the \
              nearest is 1024"
         );
         assert_eq!(

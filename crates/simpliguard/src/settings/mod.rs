@@ -21,6 +21,7 @@ mod project;
 mod resolve;
 mod target;
 mod text;
+mod texture_size;
 mod value;
 
 pub use crate::data::{MaterialWeight, NodePattern, TextureFormat};
@@ -35,3 +36,4 @@ pub use overrides::parse_overrides;
 pub use project::{BakeMode, BakePriority, CacheSettings, ProjectFile, ProjectSettings, Rule, parse_cache_size};
 pub use resolve::{Effective, Layer, Origin, Resolved, resolve};
 pub use target::Target;
+pub use texture_size::TextureSize;

@@ -98,7 +98,8 @@ mod tests {
         );
         assert_eq!(
             message("(\n    views: 48,\n    texture_size: 1000,\n)"),
-            "settings: a.ron:3:19: texture_size: 1000 is out of range: expected a power of two from 64 to 4096; the \
+            "settings: a.ron:3:23: texture_size: 1000 is out of range: expected a power of two from 64 to 4096, a list of 1 to 8 of \
+             them, or Auto; the \
              nearest is 1024"
         );
         assert_eq!(message("(views: 8, views: 9)"), "settings: a.ron:1:12: 'views' is set twice");

@@ -223,7 +223,7 @@ mod tests {
         let file = ProjectFile::parse(TEXT, "config/simpliguard.ron").expect("valid");
         let resolved = |path, profile| resolve(file.layers(path, profile).expect("layers")).expect("valid");
         let deep = resolved("props/a/chair.glb", None);
-        assert_eq!((deep.settings.gutter, deep.settings.texture_size), (2, 2048));
+        assert_eq!((deep.settings.gutter, deep.settings.texture_size.clone()), (2, 2048.into()));
         assert_eq!(resolved("props/chair.glb", None).settings.gutter, 3);
         let other = resolved("fox.glb", Some("vr"));
         assert_eq!((other.settings.gutter, other.settings.quality), (4, Quality::Best));

@@ -39,6 +39,11 @@ impl<'a> DeviationMetric<'a> {
         Self { opaque, diagonal, points: all.into_par_iter().filter(is_visible).map(|(p, _)| p).collect() }
     }
 
+    /// The diagonal of the source's bounding box.
+    pub fn diagonal(&self) -> f32 {
+        self.diagonal
+    }
+
     /// Distances from the level to the source and from the visible source to the level, as fractions of the diagonal of
     /// the source's bounding box.
     pub fn measure(&self, level: &TriMesh) -> Deviation {

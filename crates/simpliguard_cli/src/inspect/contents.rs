@@ -4,7 +4,7 @@ use serde::Serialize;
 use serde_json::Value;
 use simpliguard::data::Model;
 
-use super::document::{Document, index, texture_memory};
+use super::document::{Document, index};
 
 /// The contents of a model, by the lists of its file.
 #[derive(Serialize)]
@@ -67,7 +67,7 @@ impl Contents {
             let size = image.and_then(|image| document.size_of_image(image));
             let own = image.and_then(|image| document.list("images").get(image)).map(name).unwrap_or_default();
             let name = if own.is_empty() { name(value) } else { own };
-            TextureInfo { name, size, memory: size.map_or(0, texture_memory) }
+            TextureInfo { name, size, memory: document.texture_memory(i) }
         };
         Self {
             triangles: model.surface.triangles.len(),

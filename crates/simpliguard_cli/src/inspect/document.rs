@@ -4,12 +4,13 @@ use std::collections::BTreeSet;
 
 use serde_json::Value;
 use simpliguard::data::Model;
+use simpliguard::gltf::{encoded_image, image_of_texture, texture_memory, textures_of_material};
 
 use crate::images::size_of_image;
 
 /// The JSON of a glTF and the bytes of its images.
 pub(crate) struct Document<'a> {
-    json: &'a Value,
+    source: &'a simpliguard::data::Document,
     /// Width and height of each image, if they can be read.
     sizes: Vec<Option<[u32; 2]>>,
 }
@@ -21,23 +22,15 @@ impl<'a> Document<'a> {
 
     /// The lists of a file and the sizes of its images.
     pub(crate) fn of(source: &'a simpliguard::data::Document) -> Self {
-        let mut document = Self { json: &source.json, sizes: Vec::new() };
-        let sizes = document.list("images").iter().enumerate().map(|(i, image)| {
-            let outside = source.images.get(i).and_then(Option::as_ref).map(|(bytes, _)| bytes.as_ref());
-            let inside = || {
-                let view = document.list("bufferViews").get(index(image, "bufferView")?)?;
-                let start = index(view, "byteOffset").unwrap_or(0);
-                source.buffers.get(index(view, "buffer")?)?.get(start..start.checked_add(index(view, "byteLength")?)?)
-            };
-            size_of_image(outside.or_else(inside)?)
-        });
-        document.sizes = sizes.collect();
+        let mut document = Self { source, sizes: Vec::new() };
+        let images = 0..document.list("images").len();
+        document.sizes = images.map(|image| size_of_image(encoded_image(source, image)?)).collect();
         document
     }
 
     /// A top-level list; empty if there is none.
     pub(crate) fn list(&self, name: &str) -> &'a [Value] {
-        self.json.get(name).and_then(Value::as_array).map(Vec::as_slice).unwrap_or_default()
+        self.source.json.get(name).and_then(Value::as_array).map(Vec::as_slice).unwrap_or_default()
     }
 
     /// Width and height of an image.
@@ -47,23 +40,21 @@ impl<'a> Document<'a> {
 
     /// The image that a texture shows.
     pub(crate) fn image_of_texture(&self, texture: usize) -> Option<usize> {
-        let texture = self.list("textures").get(texture)?;
-        let webp = || index(texture.pointer("/extensions/EXT_texture_webp")?, "source");
-        index(texture, "source").or_else(webp)
+        image_of_texture(self.source, texture)
+    }
+
+    /// Bytes of a texture in memory, with mipmaps; none if its image cannot be read.
+    pub(crate) fn texture_memory(&self, texture: usize) -> u64 {
+        texture_memory(self.source, texture).unwrap_or(0)
     }
 
     /// The textures of a material.
     pub(crate) fn textures_of_material(&self, material: usize) -> BTreeSet<usize> {
-        let mut found = BTreeSet::new();
-        if let Some(material) = self.list("materials").get(material) {
-            find_textures(material, &mut found);
-        }
-        found
+        textures_of_material(self.source, material)
     }
 
-    /// Bytes in the file of the vertices, indices and images of meshes, and bytes in memory of their textures. What several
-    /// meshes share counts once.
-    pub(crate) fn size_of_meshes(&self, meshes: impl IntoIterator<Item = usize>) -> (u64, u64) {
+    /// Bytes in the file of the vertices, indices and images of meshes. What several meshes share counts once.
+    pub(crate) fn bytes_of_meshes(&self, meshes: impl IntoIterator<Item = usize>) -> u64 {
         let (mut accessors, mut images) = (BTreeSet::new(), BTreeSet::new());
         for primitive in meshes.into_iter().flat_map(|mesh| self.primitives(mesh)) {
             let targets = primitive.get("targets").and_then(Value::as_array).into_iter().flatten();
@@ -77,9 +68,7 @@ impl<'a> Document<'a> {
         let views = accessors.iter().filter_map(|&i| view("accessors", i));
         let views: BTreeSet<usize> = views.chain(images.iter().filter_map(|&i| view("images", i))).collect();
         let length = |view: &usize| index(self.list("bufferViews").get(*view)?, "byteLength");
-        let bytes = views.iter().filter_map(length).map(|length| length as u64).sum();
-        let memory = images.iter().filter_map(|&image| self.size_of_image(image)).map(texture_memory).sum();
-        (bytes, memory)
+        views.iter().filter_map(length).map(|length| length as u64).sum()
     }
 
     /// The images that the materials of a mesh show.
@@ -89,16 +78,11 @@ impl<'a> Document<'a> {
         textures.filter_map(|texture| self.image_of_texture(texture)).collect()
     }
 
-    /// The primitives of a mesh; each is a draw call.
-    pub(crate) fn primitives(&self, mesh: usize) -> &'a [Value] {
+    /// The primitives of a mesh.
+    fn primitives(&self, mesh: usize) -> &'a [Value] {
         let primitives = self.list("meshes").get(mesh).and_then(|mesh| mesh.get("primitives"));
         primitives.and_then(Value::as_array).map(Vec::as_slice).unwrap_or_default()
     }
-}
-
-/// Bytes in memory of a texture of this size: four a texel, and a third of that for mipmaps.
-pub(crate) fn texture_memory([width, height]: [u32; 2]) -> u64 {
-    u64::from(width) * u64::from(height) * 4 * 4 / 3
 }
 
 /// A property that refers to an item of a list, or counts.
@@ -108,16 +92,6 @@ pub(crate) fn index(object: &Value, name: &str) -> Option<usize> {
 
 fn as_index(value: &Value) -> Option<usize> {
     usize::try_from(value.as_u64()?).ok()
-}
-
-/// Collects the `index` of every property whose name ends in `Texture`, also within extensions.
-fn find_textures(value: &Value, found: &mut BTreeSet<usize>) {
-    for (name, value) in value.as_object().into_iter().flatten() {
-        if name.ends_with("Texture") {
-            found.extend(index(value, "index"));
-        }
-        find_textures(value, found);
-    }
 }
 
 #[cfg(test)]
@@ -141,8 +115,8 @@ mod tests {
             "bufferViews": [{"byteLength": 1}, {"byteLength": 20}, {"byteLength": 300}, {"byteLength": 4000},
                             {"byteLength": 50000}],
         });
-        let document = Document { json: &json, sizes: vec![Some([64, 32]), Some([3, 1])] };
-        assert_eq!(document.size_of_meshes([0, 0]), (4321, 64 * 32 * 16 / 3 + 16));
-        assert_eq!(document.size_of_meshes([7]), (0, 0));
+        let source = simpliguard::data::Document { json, ..Default::default() };
+        let document = Document::of(&source);
+        assert_eq!([document.bytes_of_meshes([0, 0]), document.bytes_of_meshes([7])], [4321, 0]);
     }
 }

@@ -9,7 +9,7 @@ use std::path::Path;
 
 use serde::Serialize;
 use simpliguard::PIPELINE_VERSION;
-use simpliguard::gltf::{ImportLimits, import};
+use simpliguard::gltf::{GpuCost, ImportLimits, gpu_cost, import};
 use simpliguard_bake::{CachePlace, CachedBake, Parts, look_up};
 
 use self::contents::Contents;
@@ -34,6 +34,8 @@ struct Inspection {
     /// Size of the file, without those that it refers to.
     bytes: u64,
     contents: Contents,
+    /// The source: all meshes of the default scene that are no levels.
+    source: GpuCost,
     /// The levels in an output of `bake`.
     levels: Vec<LevelSize>,
     settings: Vec<Setting>,
@@ -51,8 +53,8 @@ struct LevelSize {
     error: Option<f64>,
     /// Bytes of its vertices, indices and images in the file.
     bytes: u64,
-    /// Bytes of its textures in memory, with mipmaps.
-    texture_memory: u64,
+    #[serde(flatten)]
+    gpu: GpuCost,
 }
 
 /// A setting that the model is baked with.
@@ -101,9 +103,9 @@ fn inspect(path: &Path, args: &InspectArgs) -> Result<Inspection, UsageError> {
     let model = import(&file.source(), &ImportLimits::default())?;
     let document = Document::new(&model);
     let level = |level: &crate::levels::LevelNode| {
-        let (bytes, texture_memory) = document.size_of_meshes(level.mesh);
-        let crate::levels::LevelNode { level, budget, faces, error, .. } = *level;
-        LevelSize { level, budget, faces, error, bytes, texture_memory }
+        let crate::levels::LevelNode { level, budget, faces, error, mesh, node } = *level;
+        let (bytes, gpu) = (document.bytes_of_meshes(mesh), gpu_cost(&model.document, [node]));
+        LevelSize { level, budget, faces, error, bytes, gpu }
     };
     let explicit = CachePlace { dir: args.cache_dir.as_deref(), shared: None };
     let cache = cache.open(explicit, |outside| console::warning(&outside.to_string()));
@@ -113,6 +115,7 @@ fn inspect(path: &Path, args: &InspectArgs) -> Result<Inspection, UsageError> {
         pipeline_version: PIPELINE_VERSION,
         bytes: file.source().bytes.len() as u64,
         contents: Contents::of(&model, &document),
+        source: gpu_cost(&model.document, model.document.mesh_nodes.iter().copied()),
         levels: levels_of(&model.document.json).iter().map(level).collect(),
         settings: resolved
             .effective()

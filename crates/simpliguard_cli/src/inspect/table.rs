@@ -1,6 +1,9 @@
 //! An inspection as text.
 
+use std::iter;
+
 use bytesize::ByteSize;
+use simpliguard::gltf::GpuCost;
 
 use super::contents::{Clip, Contents, MaterialInfo, Mesh, Skin, TextureInfo};
 use super::{CachedResult, Inspection, LevelSize, Setting};
@@ -10,12 +13,13 @@ use crate::output::columns;
 const MOST: usize = 20;
 
 pub(super) fn text(inspection: &Inspection) -> String {
-    let Inspection { file, bytes, contents, levels, settings, result, notes, pipeline_version, version: _ } =
+    let Inspection { file, bytes, contents, source, levels, settings, result, notes, pipeline_version, version: _ } =
         inspection;
     let mut out = format!("{file}: {}\n\n", ByteSize(*bytes));
     out += &contents_text(contents);
+    out += &memory_text(source, levels);
     if !levels.is_empty() {
-        let header = ["level", "budget", "faces", "error %", "file", "texture memory"];
+        let header = ["level", "budget", "faces", "error %", "file"];
         out += &section("levels", &header, Align::Numbers, levels, level);
     }
     out += &section("settings", &["setting", "value", "origin"], Align::Words, settings, setting);
@@ -40,6 +44,17 @@ fn contents_text(contents: &Contents) -> String {
     out += &list("textures", &["texture", "size", "memory"], Align::Numbers, textures, texture);
     out += &list("skins", &["skin", "joints"], Align::Numbers, skins, skin);
     out + &list("clips", &["clip", "seconds", "channels"], Align::Numbers, clips, clip)
+}
+
+/// The table of memory and draw calls: the source, then its levels from the most detailed on.
+fn memory_text(source: &GpuCost, levels: &[LevelSize]) -> String {
+    let levels = levels.iter().rev().map(|level| (format!("LOD{}", level.level), level.gpu));
+    let rows: Vec<(String, GpuCost)> = iter::once(("source".to_owned(), *source)).chain(levels).collect();
+    let row = |(name, cost): &(String, GpuCost)| {
+        let [textures, meshes] = [cost.texture_memory, cost.mesh_memory].map(|bytes| ByteSize(bytes).to_string());
+        vec![name.clone(), textures, meshes, cost.draw_calls.to_string()]
+    };
+    section("memory on the GPU", &["", "textures", "meshes", "draw calls"], Align::Numbers, &rows, row)
 }
 
 fn result_text(CachedResult { key, cached, levels }: &CachedResult, pipeline_version: &str) -> String {
@@ -122,8 +137,13 @@ fn clip(i: usize, clip: &Clip) -> Vec<String> {
 fn level(level: &LevelSize) -> Vec<String> {
     let number = |value: Option<u64>| value.map_or("-".to_owned(), |value| value.to_string());
     let error = level.error.map_or("-".to_owned(), |error| format!("{:.2}", 100.0 * error));
-    let [bytes, memory] = [level.bytes, level.texture_memory].map(|bytes| ByteSize(bytes).to_string());
-    vec![format!("LOD{}", level.level), number(level.budget), number(level.faces), error, bytes, memory]
+    vec![
+        format!("LOD{}", level.level),
+        number(level.budget),
+        number(level.faces),
+        error,
+        ByteSize(level.bytes).to_string(),
+    ]
 }
 
 fn setting(setting: &Setting) -> Vec<String> {

@@ -2,7 +2,7 @@
 
 use serde::Serialize;
 use simpliguard::data::Model;
-use simpliguard::gltf::{ImportLimits, import};
+use simpliguard::gltf::{GpuCost, ImportLimits, gpu_cost, import};
 use simpliguard::{Error, LevelReport, NoResources, Source, Status};
 use simpliguard_bake::Outcome;
 use simpliguard_eval::compare::{Comparison, Options, compare};
@@ -79,6 +79,8 @@ pub(super) struct Cost {
     pub(super) draw_calls: u64,
     /// Bytes in memory of its textures, with mipmaps.
     pub(super) texture_memory: u64,
+    /// Bytes in memory of its vertices and indices.
+    pub(super) mesh_memory: u64,
     /// Bytes of its vertices, indices and images in the file, without compression of geometry.
     pub(super) bytes: u64,
 }
@@ -138,7 +140,7 @@ impl Measured {
             level: node.level,
             deviation: node.error,
             report: result.report.levels.iter().find(|report| u64::from(report.level) == node.level).cloned(),
-            cost: cost_of_level(&document, node, comparison.faces),
+            cost: cost_of_level((&document, &model), node, comparison.faces),
             comparison,
         };
         let levels = nodes.iter().zip(compared).map(level).collect();
@@ -206,16 +208,20 @@ fn settings(job: &Job) -> Vec<Setting> {
 fn cost_of_source(document: &Document<'_>, model: &Model) -> Cost {
     let nodes = document.list("nodes");
     let mesh = |node: &usize| crate::inspect::document::index(nodes.get(*node)?, "mesh");
-    let meshes: Vec<usize> = model.document.mesh_nodes.iter().filter_map(mesh).collect();
-    let draw_calls = meshes.iter().map(|&mesh| document.primitives(mesh).len() as u64).sum();
-    let (bytes, texture_memory) = document.size_of_meshes(meshes);
-    Cost { triangles: model.surface.triangles.len() as u64, draw_calls, texture_memory, bytes }
+    let bytes = document.bytes_of_meshes(model.document.mesh_nodes.iter().filter_map(mesh));
+    let gpu = gpu_cost(&model.document, model.document.mesh_nodes.iter().copied());
+    Cost::new(model.surface.triangles.len(), bytes, gpu)
 }
 
-fn cost_of_level(document: &Document<'_>, node: &LevelNode, triangles: usize) -> Cost {
-    let (bytes, texture_memory) = document.size_of_meshes(node.mesh);
-    let draw_calls = node.mesh.map_or(0, |mesh| document.primitives(mesh).len()) as u64;
-    Cost { triangles: triangles as u64, draw_calls, texture_memory, bytes }
+fn cost_of_level((document, model): (&Document<'_>, &Model), node: &LevelNode, triangles: usize) -> Cost {
+    Cost::new(triangles, document.bytes_of_meshes(node.mesh), gpu_cost(&model.document, [node.node]))
+}
+
+impl Cost {
+    fn new(triangles: usize, bytes: u64, gpu: GpuCost) -> Self {
+        let GpuCost { draw_calls, mesh_memory, texture_memory } = gpu;
+        Self { triangles: triangles as u64, draw_calls, texture_memory, mesh_memory, bytes }
+    }
 }
 
 /// The sheets of a model. None without levels.

@@ -45,11 +45,16 @@ fn a_result_in_the_cache_and_the_levels_of_an_output_are_listed() {
     let output = run.json();
     let bytes = |level: usize| output["levels"][level]["bytes"].as_u64().expect("a size");
     assert!(bytes(0) > 50 * 6 && bytes(1) > bytes(0), "{output}");
-    let memory = |textures: u64| textures * 64 * 64 * 16 / 3;
-    let found = output["levels"][0]["texture_memory"].as_u64().expect("a size");
-    assert!((0..4).any(|textures| memory(textures) == found), "{found}");
+    let mipmapped = 4 * (64 * 64 + 32 * 32 + 16 * 16 + 8 * 8 + 4 * 4 + 2 * 2 + 1);
+    let number = |name: &str| output["levels"][0][name].as_u64().expect("a number");
+    let found = number("texture_memory");
+    assert!((0..4).any(|textures| textures * mipmapped == found), "{found}");
+    assert!(number("draw_calls") == 1 && number("mesh_memory") > 50 * 6, "{output}");
+    let source = output["source"]["mesh_memory"].as_u64().expect("a number");
+    assert!(source > 2 * number("mesh_memory") && output["source"]["draw_calls"] == 1, "{output}");
     let text = folder.run(&["inspect", "lods/ball.glb"]).stdout;
     assert!(text.lines().any(|line| line.split_whitespace().take(2).eq(["LOD2", "100"])), "{text}");
+    assert!(text.contains("memory on the GPU") && text.lines().any(|line| line.starts_with("source ")), "{text}");
 }
 
 #[test]

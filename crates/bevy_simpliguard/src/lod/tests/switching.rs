@@ -33,7 +33,7 @@ fn model(app: &mut TestApp) -> Entity {
     let mut level = |level, offsets: &[f32], faces, error| {
         let primitives = primitives(level, offsets, faces);
         let faces = faces * offsets.len() as u32;
-        LodLevel { level, budget: faces, faces, error, primitives }
+        LodLevel { level, budget: faces, faces, error, primitives, textures: Vec::new() }
     };
     let levels = vec![level(0, &[-5.0, 0.0, 5.0], 1000, 0.0), level(2, &[0.0], 200, 0.01), level(1, &[0.0], 100, 0.02)];
     world.entity_mut(group).insert(LodGroup { center: Vec3::ZERO, radius: 10.0, levels });

@@ -160,6 +160,7 @@ mod tests {
 
     use super::*;
     use crate::data::{Reconstruction, TextureFormat};
+    use crate::pipeline::texture_sizes::LevelView;
     use crate::settings::SourceGeometry;
     use crate::simplify::{CollapseParams, SimplifyParams};
     use crate::{NoResources, RelativeUri, Resources};
@@ -207,7 +208,7 @@ mod tests {
         };
         let base = BakeSettings::default();
         for later in [
-            BakeSettings { texture_size: 64, ..base.clone() },
+            BakeSettings { texture_size: 64.into(), ..base.clone() },
             BakeSettings { gutter: 2, ..base.clone() },
             BakeSettings { normal_map: false, ..base.clone() },
             BakeSettings { texture_format: TextureFormat::Jpeg(90), ..base.clone() },
@@ -230,7 +231,7 @@ mod tests {
     #[test]
     fn only_parameters_of_the_maps_and_the_file_are_in_no_key_of_vertices() {
         let key = |settings: &BakeSettings| {
-            vertices_key(&some_key("1"), &Params::new(settings).level(1000, false), 1000, false)
+            vertices_key(&some_key("1"), &Params::new(settings).level(1000, LevelView::default()), 1000, false)
         };
         let base = BakeSettings::default();
         assert_eq!(key(&BakeSettings { normal_map: false, ..base.clone() }), key(&base));
@@ -244,7 +245,7 @@ mod tests {
         ] {
             assert_ne!(key(&own), key(&base), "{own:?}");
         }
-        let level = Params::new(&base).level(1000, false);
+        let level = Params::new(&base).level(1000, LevelView::default());
         assert_ne!(vertices_key(&some_key("1"), &level, 2000, false), key(&base));
         assert_ne!(vertices_key(&some_key("1"), &level, 1000, true), key(&base));
     }
@@ -284,7 +285,7 @@ mod tests {
     fn a_quality_counts_by_its_values() {
         use crate::settings::Quality;
         let best = BakeSettings::preset(Quality::Best);
-        let BakeSettings { finest_resolution, poses, texture_size, views, refine_steps, .. } = best;
+        let BakeSettings { finest_resolution, poses, texture_size, views, refine_steps, .. } = best.clone();
         let draft = BakeSettings::preset(Quality::Draft);
         let spelled = BakeSettings { finest_resolution, poses, texture_size, views, refine_steps, ..draft };
         assert_eq!(Params::new(&best), Params::new(&spelled));

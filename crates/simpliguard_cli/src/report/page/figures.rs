@@ -23,13 +23,19 @@ pub(super) enum Value {
 }
 
 /// What a level costs.
-pub(super) const COSTS: [Figure; 4] = [
+pub(super) const COSTS: [Figure; 5] = [
     Figure { title: "Triangles", help: "Triangles in the scene", value: Value::Cost(|c| c.triangles), text: count },
     Figure { title: "Draw calls", help: "Primitives in the scene", value: Value::Cost(|c| c.draw_calls), text: count },
     Figure {
         title: "Texture memory",
-        help: "Four bytes a texel, and a third of that for mipmaps",
+        help: "Bytes of the textures on the GPU, with mipmaps",
         value: Value::Cost(|c| c.texture_memory),
+        text: bytes,
+    },
+    Figure {
+        title: "Mesh memory",
+        help: "Bytes of vertices and indices on the GPU",
+        value: Value::Cost(|c| c.mesh_memory),
         text: bytes,
     },
     Figure {

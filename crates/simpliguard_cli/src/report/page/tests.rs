@@ -9,7 +9,7 @@ fn level(number: u64, psnr: f64) -> MeasuredLevel {
     let lit = ImageMetrics { psnr: psnr.min(30.0) - 10.0, ..ImageMetrics::default() };
     let comparison =
         Comparison { faces: 8, unlit, lit, silhouette_iou: 0.9, iou_3d: None, distances: None, motion: None };
-    let cost = Cost { triangles: 8, draw_calls: 1, texture_memory: 4000, bytes: 100 };
+    let cost = Cost { triangles: 8, draw_calls: 1, texture_memory: 4000, mesh_memory: 50, bytes: 100 };
     MeasuredLevel { level: number, deviation: Some(0.25), report: None, cost, comparison }
 }
 
@@ -22,7 +22,7 @@ fn asset(name: &str, levels: &[f64]) -> Asset {
         notes: vec!["a <note>".into()],
         settings: Vec::new(),
         file_bytes: 7,
-        source: Cost { triangles: 1000, draw_calls: 5, texture_memory: 8000, bytes: 90_000 },
+        source: Cost { triangles: 1000, draw_calls: 5, texture_memory: 8000, mesh_memory: 500, bytes: 90_000 },
         levels: (1..).zip(levels).map(|(number, psnr)| level(number, *psnr)).collect(),
         preview: None,
         models: None,
