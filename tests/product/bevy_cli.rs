@@ -63,6 +63,15 @@ fn examples_are_found_without_a_list() {
     examples.sort_unstable();
     assert_eq!(
         examples,
-        ["crowd", "generate_octopus", "headless_bake", "minimal", "progress_overlay", "settings", "shipping", "village"]
+        [
+            "crowd",
+            "generate_octopus",
+            "headless_bake",
+            "minimal",
+            "progress_overlay",
+            "settings",
+            "shipping",
+            "village"
+        ]
     );
 }
