@@ -44,12 +44,12 @@ fn fifty_octopuses_switch_by_distance_and_each_moves_on_its_own() {
     let [near, middle, far] = [triangles(&near), triangles(&look(&mut app, Place::Middle)), triangles(&far)];
     assert!(source > near && near > middle && middle >= far && 10 * far < source, "{source} {near} {middle} {far}");
 
-    // What is seen from afar moves, and no two alike.
-    let before = poses(&mut app);
-    assert_eq!(before.iter().collect::<BTreeSet<_>>().len(), before.len(), "some move in step");
-    (0..10).for_each(|_| app.update());
-    let after = poses(&mut app);
-    assert!(before.iter().zip(&after).all(|(a, b)| a != b), "some stand still");
+    // What is seen from afar moves, and no two in step. A pose may return within a swing, a whole third of a second does not.
+    let frames: Vec<_> = (0..10).map(|_| (app.update(), poses(&mut app)).1).collect();
+    let of_each: Vec<Vec<_>> =
+        (0..CROWD.count as usize).map(|i| frames.iter().map(|frame| &frame[i]).collect()).collect();
+    assert!(of_each.iter().all(|poses| poses.iter().any(|pose| pose != &poses[0])), "some stand still");
+    assert_eq!(of_each.iter().collect::<BTreeSet<_>>().len(), of_each.len(), "some move in step");
 
     app.world_mut().resource_mut::<LodSettings>().enabled = false;
     assert_eq!(triangles(&look(&mut app, Place::Far)), source);
