@@ -48,7 +48,7 @@ fn reconstruct_256(bencher: Bencher<'_, '_>, n: u32) {
     let bvh = Bvh::new(&mesh.positions, &mesh.triangles);
     bencher
         .counter(ItemsCount::new(mesh.triangles.len()))
-        .bench_local(|| reconstruct(&mesh, &bvh, black_box(&Reconstruction::new(256)), &Cancellation::default()));
+        .bench_local(|| reconstruct(&mesh, &bvh, &[], black_box(&Reconstruction::new(256)), &Cancellation::default()));
 }
 
 #[divan::bench(args = SIZES, sample_count = 5)]
@@ -122,8 +122,8 @@ fn shape_of(bencher: Bencher<'_, '_>, model: &Model) {
 struct StillTools;
 
 impl Tools for StillTools {
-    fn reconstruct(&self, mesh: &TriMesh, bvh: &Bvh, params: &Reconstruction) -> TriMesh {
-        reconstruct(mesh, bvh, params, &Cancellation::default())
+    fn reconstruct(&self, mesh: &TriMesh, bvh: &Bvh, free: &[Vec3], params: &Reconstruction) -> TriMesh {
+        reconstruct(mesh, bvh, free, params, &Cancellation::default())
     }
 
     fn influences(&self, _: &TriMesh) -> Vec<Influences> {

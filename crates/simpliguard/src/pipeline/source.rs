@@ -122,9 +122,9 @@ impl<'a> StageTools<'a> {
 }
 
 impl Tools for StageTools<'_> {
-    fn reconstruct(&self, mesh: &TriMesh, bvh: &Bvh, params: &Reconstruction) -> TriMesh {
+    fn reconstruct(&self, mesh: &TriMesh, bvh: &Bvh, free: &[Vec3], params: &Reconstruction) -> TriMesh {
         let cancellation = self.run.cancellation();
-        let work = || reconstruct(mesh, bvh, params, cancellation);
+        let work = || reconstruct(mesh, bvh, free, params, cancellation);
         self.run.time(StageId::Reconstruct, work)
     }
 

@@ -1,6 +1,6 @@
-//! Inside and outside, by a flood from a corner of the grid.
+//! Inside and outside, by a flood from a corner of the grid and from points that are known to be free.
 
-use glam::IVec3;
+use glam::{IVec3, Vec3};
 
 use super::grid::{BRICK, BrickGrid, NO_BRICK, local_index};
 
@@ -12,13 +12,17 @@ enum Reached {
 
 const NEIGHBOURS: [IVec3; 6] = [IVec3::X, IVec3::NEG_X, IVec3::Y, IVec3::NEG_Y, IVec3::Z, IVec3::NEG_Z];
 
-/// Marks as inside every sample that the flood does not reach.
-pub(super) fn mark_inside(grid: &mut BrickGrid) {
+/// Marks as inside every sample that the flood does not reach from a corner of the grid and from the samples nearest to the
+/// `free` points.
+pub(super) fn mark_inside(grid: &mut BrickGrid, free: &[Vec3]) {
     for brick in &mut grid.bricks {
         brick.inside = [u64::MAX; BRICK];
     }
     let mut queue = Vec::new();
     enter(grid, IVec3::ZERO, &mut queue);
+    for &point in free {
+        enter(grid, grid.nearest_sample(point), &mut queue);
+    }
     while let Some(reached) = queue.pop() {
         match reached {
             Reached::Sample { brick, sample } => {

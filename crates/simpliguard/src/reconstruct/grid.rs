@@ -95,9 +95,14 @@ impl BrickGrid {
         brick.map_or(1.0, |b| (self.bricks[b].distance[local_index(sample)] - self.offset).min(1.0))
     }
 
+    /// The sample nearest to a position; it may lie outside the grid.
+    pub(super) fn nearest_sample(&self, position: Vec3) -> IVec3 {
+        ((Vec3A::from(position) - self.origin) / self.spacing).round().as_ivec3()
+    }
+
     /// True if the sample nearest to a position is inside.
     pub(super) fn is_inside_at(&self, position: Vec3) -> bool {
-        self.is_inside(((Vec3A::from(position) - self.origin) / self.spacing).round().as_ivec3())
+        self.is_inside(self.nearest_sample(position))
     }
 
     /// Inside flags of a brick's samples and the first layer of the bricks after it: 9 x 9 x 9, x fastest.

@@ -2,7 +2,7 @@
 //!
 //! 1. Sample the unsigned distance to the source in a narrow band, in sparse bricks of 8 x 8 x 8 samples that an octree
 //!    descent finds (`field`, `grid`).
-//! 2. Flood the outside from a corner of the grid, through the samples farther than `offset` from the surface
+//! 2. Flood the outside from a corner of the grid, and from points known to be free, through the samples farther than `offset` from the surface
 //!    (`flood`). Every edge of the grid that crosses the source has an end within half a cell of it, so nothing leaks
 //!    if `offset` is above one half. Holes narrower than about two offsets close.
 //! 3. Add samples to the inside until no 2 x 2 face and no cell is connected across a diagonal only (`repair`;
@@ -22,13 +22,21 @@ mod pull;
 mod repair;
 mod triangle;
 
+use glam::Vec3;
+
 use crate::Cancellation;
 use crate::data::{Reconstruction, TriMesh};
 use crate::geometry::Bvh;
 
-/// Wraps the triangles of `mesh`, which `bvh` holds as well. The result is empty for an empty mesh and empty or
-/// unfinished if cancelled.
-pub fn reconstruct(mesh: &TriMesh, bvh: &Bvh, params: &Reconstruction, cancellation: &Cancellation) -> TriMesh {
+/// Wraps the triangles of `mesh`, which `bvh` holds as well. Space around the `free` points is outside even if the mesh
+/// encloses it. The result is empty for an empty mesh and empty or unfinished if cancelled.
+pub fn reconstruct(
+    mesh: &TriMesh,
+    bvh: &Bvh,
+    free: &[Vec3],
+    params: &Reconstruction,
+    cancellation: &Cancellation,
+) -> TriMesh {
     if mesh.triangles.is_empty() {
         return TriMesh::default();
     }
@@ -36,7 +44,7 @@ pub fn reconstruct(mesh: &TriMesh, bvh: &Bvh, params: &Reconstruction, cancellat
     if cancellation.is_cancelled() {
         return TriMesh::default();
     }
-    flood::mark_inside(&mut grid);
+    flood::mark_inside(&mut grid, free);
     repair::make_well_composed(&mut grid);
     if cancellation.is_cancelled() {
         return TriMesh::default();
@@ -50,12 +58,11 @@ pub fn reconstruct(mesh: &TriMesh, bvh: &Bvh, params: &Reconstruction, cancellat
 mod tests {
     use super::*;
     use crate::geometry::Topology;
-    use glam::Vec3;
     use proptest::prelude::*;
 
     fn wrap(mesh: &TriMesh, resolution: u32) -> TriMesh {
         let bvh = Bvh::new(&mesh.positions, &mesh.triangles);
-        reconstruct(mesh, &bvh, &Reconstruction::new(resolution), &Cancellation::default())
+        reconstruct(mesh, &bvh, &[], &Reconstruction::new(resolution), &Cancellation::default())
     }
 
     fn volume(mesh: &TriMesh) -> f32 {
@@ -95,6 +102,17 @@ mod tests {
         let topology = Topology::of(&out);
         assert!(topology.is_closed_manifold() && topology.euler_characteristic == 2, "{topology:?}");
         assert!(volume(&out) > 0.0 && volume(&out) < 0.01);
+    }
+
+    #[test]
+    fn a_cube_whose_middle_is_free_is_a_shell() {
+        let (mesh, cancellation) = (cube(), Cancellation::default());
+        let bvh = Bvh::new(&mesh.positions, &mesh.triangles);
+        let out = reconstruct(&mesh, &bvh, &[Vec3::splat(0.5)], &Reconstruction::new(64), &cancellation);
+        let topology = Topology::of(&out);
+        assert!(topology.is_closed_manifold(), "{topology:?}");
+        assert_eq!((topology.components, topology.euler_characteristic), (2, 4));
+        assert!(volume(&out) > 0.0 && volume(&out) < 0.1, "{}", volume(&out));
     }
 
     #[test]

@@ -7,7 +7,7 @@ use super::inputs::Inputs;
 use super::params::SimplifyParams;
 use super::qem::Simplifier;
 use super::shape::{Shape, Shortfall};
-use super::simplify_input::{SimplifyInput, pixels_in_motion};
+use super::simplify_input::{SimplifyInput, pixels_in_all_poses};
 use super::unit_sphere::{from_unit_sphere, to_unit_sphere};
 use super::visibility;
 use crate::animation::{Motions, Poses};
@@ -161,12 +161,12 @@ fn motions_in_unit_sphere(inputs: &Inputs<'_>, poses: &Poses<'_>, unit: &[Vec3])
     poses.motions_by_closest_point(inputs.bvh, &positions).rebased(from_unit)
 }
 
-/// Faces of a mesh in the unit sphere that nothing sees: no camera sees them in motion, and no ray from them escapes in
-/// the rest pose.
+/// Faces of a mesh in the unit sphere that nothing sees: no camera sees them at rest or in motion, and no ray from them
+/// escapes in the rest pose.
 fn enclosed(inputs: &Inputs<'_>, unit: &TriMesh, double_sided: bool) -> Vec<bool> {
     let mesh = from_unit_sphere(unit.clone(), &inputs.sphere);
     let mut enclosed: Vec<bool> =
-        pixels_in_motion(inputs, &mesh, &|_| double_sided).into_iter().map(|pixels| pixels == 0).collect();
+        pixels_in_all_poses(inputs, &mesh, &|_| double_sided).into_iter().map(|pixels| pixels == 0).collect();
     let sphere = BoundingSphere { centre: Vec3::ZERO, radius: 1.0 };
     visibility::keep_enclosed(&mut enclosed, unit, &sphere, double_sided, inputs.cancellation);
     enclosed

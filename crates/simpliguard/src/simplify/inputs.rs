@@ -39,8 +39,9 @@ pub struct Inputs<'a> {
 
 /// Work of other stages that candidates need. Stages do not import each other: the pipeline hands this in.
 pub trait Tools: Sync {
-    /// A watertight surface around `mesh`. `bvh` holds the triangles of `mesh`.
-    fn reconstruct(&self, mesh: &TriMesh, bvh: &Bvh, params: &Reconstruction) -> TriMesh;
+    /// A watertight surface around `mesh`, which leaves the space around `free` points open. `bvh` holds the triangles of
+    /// `mesh`.
+    fn reconstruct(&self, mesh: &TriMesh, bvh: &Bvh, free: &[Vec3], params: &Reconstruction) -> TriMesh;
 
     /// Influences of each vertex of a mesh in the rest pose, transferred from the source.
     fn influences(&self, mesh: &TriMesh) -> Vec<Influences>;

@@ -25,8 +25,15 @@ pub(super) struct SimplifyInput {
 impl SimplifyInput {
     /// The mesh of a candidate. `remove_invisible` removes the faces that no view sees.
     pub(super) fn of(inputs: &Inputs<'_>, remove_invisible: bool, candidate: Candidate) -> Self {
-        let (mesh, two_sided) = candidate_mesh(inputs, candidate);
-        let pixels = pixels_in_all_poses(inputs, &mesh, &|t| two_sided[t]);
+        let (mut mesh, mut two_sided) = candidate_mesh(inputs, candidate);
+        let mut pixels = pixels_in_all_poses(inputs, &mesh, &|t| two_sided[t]);
+        if let (Candidate::Reconstruction(params), true) = (candidate, remove_invisible)
+            && let Some(open) = reconstruction::seen_through_backs(inputs, &params, &mesh, &pixels)
+        {
+            two_sided = vec![false; open.triangles.len()];
+            pixels = pixels_in_all_poses(inputs, &open, &|_| false);
+            mesh = open;
+        }
         let double = pixels.iter().zip(&two_sided).filter(|(_, two)| **two).map(|(&n, _)| u64::from(n)).sum::<u64>();
         let double_sided = 2 * double > pixels.iter().map(|&n| u64::from(n)).sum::<u64>();
         if !remove_invisible || pixels.iter().all(|&n| n == 0) || inputs.cancellation.is_cancelled() {
@@ -60,7 +67,7 @@ fn candidate_mesh(inputs: &Inputs<'_>, candidate: Candidate) -> (TriMesh, Vec<bo
 }
 
 /// Number of pixels that each face covers: in the rest pose and, from half as many directions, in the other poses.
-fn pixels_in_all_poses(
+pub(super) fn pixels_in_all_poses(
     inputs: &Inputs<'_>,
     mesh: &TriMesh,
     double_sided: &(impl Fn(usize) -> bool + Sync),
@@ -73,11 +80,7 @@ fn pixels_in_all_poses(
 
 /// Number of pixels that each face covers in the poses, from half as many directions as in the rest pose, spread over
 /// them.
-pub(super) fn pixels_in_motion(
-    inputs: &Inputs<'_>,
-    mesh: &TriMesh,
-    double_sided: &(impl Fn(usize) -> bool + Sync),
-) -> Vec<u32> {
+fn pixels_in_motion(inputs: &Inputs<'_>, mesh: &TriMesh, double_sided: &(impl Fn(usize) -> bool + Sync)) -> Vec<u32> {
     let mut pixels = vec![0; mesh.triangles.len()];
     let Some(poses) = inputs.poses else { return pixels };
     let directions = (DIRECTIONS / 2).div_ceil(poses.count());

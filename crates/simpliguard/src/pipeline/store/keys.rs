@@ -302,7 +302,7 @@ mod tests {
         ];
         assert_eq!(
             (PIPELINE_VERSION, keys.map(|key| key.hex()[..16].to_owned())),
-            ("14", ["3785d95a959b55a7", "edfa9cf1e1a127de"].map(str::to_owned))
+            ("15", ["36912e157264fcf1", "15efc2758cbc652f"].map(str::to_owned))
         );
     }
 }

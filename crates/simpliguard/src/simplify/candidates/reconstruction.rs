@@ -8,26 +8,36 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
+use glam::Vec3;
 use rayon::prelude::*;
 
 use crate::animation::{Poses, influences_at};
 use crate::data::{Reconstruction, TriMesh};
 use crate::geometry::{Bvh, DisjointSets, Hit};
 use crate::simplify::inputs::Inputs;
+use crate::simplify::simplify_input::DIRECTIONS;
+use crate::simplify::{visibility, weld};
 
 /// Distance above which two touching points count as moved apart, in cells.
 const APART: f32 = 1.0;
 /// Two components conflict if more than this fraction of their touching vertices moves apart.
 const CONFLICT: f64 = 0.5;
+/// Backs of single-sided triangles are left open if they are more than this fraction of the pixels of a reconstruction.
+const BACKS: f64 = 0.25;
 /// The component of a vertex without opaque triangles.
 const NO_COMPONENT: u32 = u32::MAX;
 
 /// Reconstructs the opaque surface, layer by layer.
 pub(crate) fn reconstruct(inputs: &Inputs<'_>, params: &Reconstruction) -> TriMesh {
+    reconstruct_around(inputs, params, &[])
+}
+
+/// Reconstructs the opaque surface, layer by layer, around points of free space.
+fn reconstruct_around(inputs: &Inputs<'_>, params: &Reconstruction, free: &[Vec3]) -> TriMesh {
     let opaque = inputs.opaque;
     let layers = inputs.poses.map_or_else(Vec::new, |poses| layers(inputs, poses, params));
     if layers.len() < 2 {
-        return inputs.tools.reconstruct(&opaque.mesh, &opaque.bvh, params);
+        return inputs.tools.reconstruct(&opaque.mesh, &opaque.bvh, free, params);
     }
     let surfaces: Vec<TriMesh> = layers
         .par_iter()
@@ -35,7 +45,7 @@ pub(crate) fn reconstruct(inputs: &Inputs<'_>, params: &Reconstruction) -> TriMe
             let mesh = opaque.mesh.filtered(|t| layer.contains(&inputs.component(opaque.source[t])));
             let bvh = Bvh::new(&mesh.positions, &mesh.triangles);
             let params = Reconstruction { resolution: params.resolution_for(&opaque.mesh, &mesh), ..*params };
-            inputs.tools.reconstruct(&mesh, &bvh, &params)
+            inputs.tools.reconstruct(&mesh, &bvh, free, &params)
         })
         .collect();
     surfaces.into_iter().reduce(append).unwrap_or_default()
@@ -46,6 +56,57 @@ fn append(mut all: TriMesh, next: TriMesh) -> TriMesh {
     all.positions.extend(next.positions);
     all.triangles.extend(next.triangles.iter().map(|t| t.map(|v| v + base)));
     all
+}
+
+/// The reconstruction of a source that is seen through the backs of single-sided triangles, as a room is whose walls are
+/// seen from within: the space before the triangles that are seen is free, and no face lies over a back. `None` if backs are
+/// no good part of what is seen of `closed`, the reconstruction of a solid, whose faces cover `pixels`.
+pub(crate) fn seen_through_backs(
+    inputs: &Inputs<'_>,
+    params: &Reconstruction,
+    closed: &TriMesh,
+    pixels: &[u32],
+) -> Option<TriMesh> {
+    let over_back = faces_over_backs(inputs, closed);
+    let backs: u64 = pixels.iter().zip(over_back).filter(|(_, back)| *back).map(|(&n, _)| u64::from(n)).sum();
+    if backs as f64 <= BACKS * pixels.iter().map(|&n| u64::from(n)).sum::<u64>() as f64 {
+        return None;
+    }
+    let mesh = reconstruct_around(inputs, params, &points_before_seen_triangles(inputs, params));
+    let mut fronts: Vec<bool> = faces_over_backs(inputs, &mesh).into_iter().map(|back| !back).collect();
+    visibility::grow(&mesh, &mut fronts, 1);
+    Some(weld::cut(&mesh.filtered(|t| fronts[t])))
+}
+
+/// Whether each face of a reconstruction lies over the back of a single-sided triangle.
+fn faces_over_backs(inputs: &Inputs<'_>, mesh: &TriMesh) -> Vec<bool> {
+    let opaque = inputs.opaque;
+    let is_over_back = |t: usize| {
+        let [a, b, c] = mesh.corners(t);
+        opaque.bvh.closest((a + b + c) / 3.0, inputs.sphere.radius).is_some_and(|hit| {
+            let back = opaque.mesh.area_vector(hit.triangle as usize).dot(mesh.area_vector(t)) < 0.0;
+            back && !is_double_sided(inputs, hit.triangle as usize)
+        })
+    };
+    (0..mesh.triangles.len()).into_par_iter().map(is_over_back).collect()
+}
+
+fn is_double_sided(inputs: &Inputs<'_>, opaque: usize) -> bool {
+    inputs.model.material_of(inputs.opaque.source[opaque]).double_sided
+}
+
+/// Points before the opaque triangles that cameras see, beyond the offset of a reconstruction.
+fn points_before_seen_triangles(inputs: &Inputs<'_>, params: &Reconstruction) -> Vec<Vec3> {
+    let mesh = &inputs.opaque.mesh;
+    let double_sided = |t: usize| is_double_sided(inputs, t);
+    let pixels = visibility::visible_pixels(mesh, &inputs.sphere, DIRECTIONS, &double_sided, inputs.cancellation);
+    let distance = 2.0 * params.offset * params.cell(mesh);
+    let seen = pixels.iter().enumerate().filter(|(_, pixels)| **pixels > 0);
+    seen.map(|(t, _)| {
+        let [a, b, c] = mesh.corners(t);
+        (a + b + c) / 3.0 + distance * mesh.area_vector(t).normalize_or_zero()
+    })
+    .collect()
 }
 
 /// The components of each layer.
@@ -129,7 +190,7 @@ fn contacts(inputs: &Inputs<'_>, poses: &Poses<'_>, params: &Reconstruction) -> 
 
 #[cfg(test)]
 mod tests {
-    use glam::{Mat4, Vec3};
+    use glam::Mat4;
 
     use super::*;
     use crate::Cancellation;
@@ -141,9 +202,9 @@ mod tests {
     struct ReconstructAlone;
 
     impl Tools for ReconstructAlone {
-        fn reconstruct(&self, mesh: &TriMesh, bvh: &Bvh, params: &Reconstruction) -> TriMesh {
+        fn reconstruct(&self, mesh: &TriMesh, bvh: &Bvh, free: &[Vec3], params: &Reconstruction) -> TriMesh {
             let cancellation = Cancellation::default();
-            crate::reconstruct::reconstruct(mesh, bvh, params, &cancellation)
+            crate::reconstruct::reconstruct(mesh, bvh, free, params, &cancellation)
         }
 
         fn influences(&self, _: &TriMesh) -> Vec<Influences> {
@@ -185,12 +246,12 @@ mod tests {
         Model { surface, rig, materials: vec![Material::default()], ..Model::empty("cubes") }
     }
 
-    fn components(model: &Model) -> usize {
+    fn with_inputs<T>(model: &Model, run: impl Fn(&Inputs<'_>) -> T) -> T {
         let bvh = Bvh::new(&model.surface.positions, &model.surface.triangles);
         let sampler = SurfaceSampler::new(model);
         let (opaque, poses) = (OpaqueSurface::of(&sampler), Poses::of(model, 1, 1, &Cancellation::default()));
         let source = crate::skinning::SkinSource::new(model, &bvh);
-        let inputs = Inputs {
+        run(&Inputs {
             model,
             bvh: &bvh,
             components: source.components(),
@@ -202,10 +263,48 @@ mod tests {
             importance: None,
             tools: &ReconstructAlone,
             cancellation: &Cancellation::default(),
-        };
-        let topology = Topology::of(&reconstruct(&inputs, &Reconstruction::new(64)));
+        })
+    }
+
+    fn components(model: &Model) -> usize {
+        let mesh = with_inputs(model, |inputs| reconstruct(inputs, &Reconstruction::new(64)));
+        let topology = Topology::of(&mesh);
         assert!(topology.is_closed_manifold(), "{topology:?}");
         topology.components
+    }
+
+    /// One cube whose faces look inwards, as the walls of a room do.
+    fn room(double_sided: bool) -> Model {
+        let mut model = stacked(0.0);
+        model.surface.triangles.truncate(12);
+        model.surface.material.truncate(12);
+        model.surface.triangles.iter_mut().for_each(|t| t.swap(1, 2));
+        model.materials[0].double_sided = double_sided;
+        Model { rig: None, ..model }
+    }
+
+    /// A closed room has no surface that a flood from without reaches: its inner walls come from the free space within.
+    #[test]
+    fn a_room_is_open_to_the_outside_if_its_walls_are() {
+        let open = |model: &Model| {
+            with_inputs(model, |inputs| {
+                let params = Reconstruction::new(64);
+                let mesh = reconstruct(inputs, &params);
+                seen_through_backs(inputs, &params, &mesh, &vec![1; mesh.triangles.len()])
+            })
+        };
+        let room_seen_within = open(&room(false)).expect("half of the faces lie over backs");
+        let middle = Vec3::splat(0.5);
+        let inwards = |t: &usize| {
+            let [a, b, c] = room_seen_within.corners(*t);
+            room_seen_within.area_vector(*t).dot(middle - (a + b + c) / 3.0) > 0.0
+        };
+        assert_eq!((0..room_seen_within.triangles.len()).filter(inwards).count(), room_seen_within.triangles.len());
+        let area: f32 =
+            (0..room_seen_within.triangles.len()).map(|t| 0.5 * room_seen_within.area_vector(t).length()).sum();
+        assert!((area - 6.0).abs() < 0.3, "{area}");
+        assert!(open(&room(true)).is_none(), "walls of two sides hide the room");
+        assert!(open(&Model { rig: None, ..stacked(0.0) }).is_none(), "solids show their fronts");
     }
 
     #[test]

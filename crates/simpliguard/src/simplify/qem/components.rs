@@ -1,6 +1,6 @@
 //! Removal of components and of faces.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashSet};
 
 use super::simplifier::Simplifier;
 use crate::geometry::vertex_components;
@@ -60,7 +60,13 @@ impl Simplifier {
     /// Removes the faces for which `unwanted` holds. They are numbered as in the present mesh.
     pub(crate) fn remove_faces(&mut self, unwanted: &[bool]) {
         let faces: Vec<u32> = self.live().zip(unwanted).filter(|(_, unwanted)| **unwanted).map(|(f, _)| f).collect();
+        let edges = |&f: &u32| {
+            let [a, b, c] = self.face(f);
+            [[a, b], [b, c], [c, a]]
+        };
+        let removed: HashSet<[u32; 2]> = faces.iter().flat_map(edges).collect();
         self.remove_all(&faces);
+        self.add_rim_quadrics(&removed);
         self.split_pinched_vertices();
     }
 

@@ -92,6 +92,23 @@ fn removing_faces_leaves_no_pinched_vertex() {
     assert_eq!((topology.non_manifold_vertices, topology.components), (0, 2));
 }
 
+#[test]
+fn the_rim_of_removed_faces_does_not_slide() {
+    let half = |remove: bool| {
+        let mesh = grid(8, |_, _| 0.0);
+        let mut simplifier = Simplifier::new(&mesh, &areas(&mesh), 0.0);
+        if remove {
+            // The rows of quads from the middle on.
+            simplifier.remove_faces(&(0..128).map(|t| t >= 64).collect::<Vec<_>>());
+        }
+        simplifier.run(2);
+        simplifier.mesh()
+    };
+    let (_, top) = half(true).bounds();
+    assert!((top.y - 0.5).abs() < 1e-4 && (top.x - 1.0).abs() < 1e-4, "{top}");
+    assert!((half(false).bounds().1.y - 1.0).abs() < 1e-4);
+}
+
 /// Two rippled sheets, the upper a hair above the lower. If they collapse freely, their faces intersect.
 fn two_sheets() -> TriMesh {
     let ripple = |x: f32, y: f32| 0.05 * (libm::sinf(9.0 * x) + libm::cosf(7.0 * y));

@@ -1,5 +1,7 @@
 //! The quadrics of the vertices before the first collapse.
 
+use std::collections::HashSet;
+
 use glam::DVec3;
 use rayon::prelude::*;
 
@@ -9,6 +11,9 @@ use crate::geometry::area_vector;
 
 /// Weight of the planes that hold the boundary, relative to those of the faces beside it.
 const BOUNDARY_WEIGHT: f64 = 3.0;
+/// Weight of the faces at the rim of removed faces, relative to that at a boundary of the source. Other parts hide the rim,
+/// so it may move a little.
+const RIM_WEIGHT: f64 = 0.2;
 
 impl Simplifier {
     /// The quadric of a vertex.
@@ -78,13 +83,48 @@ impl Simplifier {
                 if !self.is_boundary_edge(a, b) {
                     continue;
                 }
-                let corners = [a, b, face[(k + 2) % 3]].map(|v| self.positions[v as usize]);
-                let [pa, pb, _] = corners;
-                let n = (pb - pa).cross(area_vector(&corners)).normalize_or_zero();
-                let quadric = Quadric::plane(n, -n.dot(pa), BOUNDARY_WEIGHT * weight);
-                self.add_quadric(a, &quadric);
-                self.add_quadric(b, &quadric);
+                self.hold_edge([a, b, face[(k + 2) % 3]], weight);
             }
         }
+    }
+
+    /// Adds planes through the edges that have become boundary because faces with the `removed` edges are gone. Without
+    /// them, the rim of what is left would slide along the surface at no cost.
+    pub(super) fn add_rim_quadrics(&mut self, removed: &HashSet<[u32; 2]>) {
+        let density = self.weight_per_area();
+        let live: Vec<u32> = self.live().collect();
+        for f in live {
+            let (face, area) = (self.face(f), self.area(f));
+            let least = face.map(|v| density[v as usize]).into_iter().fold(f64::INFINITY, f64::min);
+            for k in 0..3 {
+                let [a, b, c] = [0, 1, 2].map(|i| face[(k + i) % 3]);
+                if removed.contains(&[b, a]) {
+                    self.hold_edge([a, b, c], RIM_WEIGHT * least * area);
+                }
+            }
+        }
+    }
+
+    /// Weight of the faces around each vertex, for each unit of their area.
+    fn weight_per_area(&self) -> Vec<f64> {
+        let mut areas = vec![0.0; self.positions.len()];
+        for f in self.live() {
+            self.face(f).into_iter().for_each(|v| areas[v as usize] += self.area(f));
+        }
+        self.mass.iter().zip(areas).map(|(mass, area)| mass / area.max(f64::MIN_POSITIVE)).collect()
+    }
+
+    fn area(&self, f: u32) -> f64 {
+        0.5 * area_vector(&self.corners(f)).length()
+    }
+
+    /// Adds the plane through edge `ab` of face `abc`, perpendicular to it.
+    fn hold_edge(&mut self, [a, b, c]: [u32; 3], weight: f64) {
+        let corners = [a, b, c].map(|v| self.positions[v as usize]);
+        let [pa, pb, _] = corners;
+        let n = (pb - pa).cross(area_vector(&corners)).normalize_or_zero();
+        let quadric = Quadric::plane(n, -n.dot(pa), BOUNDARY_WEIGHT * weight);
+        self.add_quadric(a, &quadric);
+        self.add_quadric(b, &quadric);
     }
 }
