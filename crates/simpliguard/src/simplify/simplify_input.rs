@@ -2,12 +2,11 @@
 
 use super::candidates::reconstruction;
 use super::inputs::Inputs;
+use super::visibility::DIRECTIONS;
 use super::{visibility, weld};
 use crate::data::{Candidate, TriMesh};
 use crate::geometry::BoundingSphere;
 
-/// Number of directions from which a mesh is viewed in the rest pose.
-pub(super) const DIRECTIONS: usize = 48;
 /// Rings of invisible faces that are kept around visible ones.
 const KEPT_RINGS: usize = 2;
 

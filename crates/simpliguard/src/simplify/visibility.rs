@@ -12,6 +12,8 @@ use crate::data::TriMesh;
 use crate::geometry::{BoundingSphere, Bvh, fibonacci_directions};
 use crate::render::{Camera, EMPTY_PIXEL, Raster, Rect};
 
+/// Number of directions from which a mesh is viewed in the rest pose.
+pub(super) const DIRECTIONS: usize = 48;
 /// Side of the identity buffer in pixels.
 const SIZE: usize = 640;
 /// Barycentric coordinates of the points of a face from which rays start.

@@ -14,7 +14,8 @@ use crate::simplify::budgets::simplify_to_budgets;
 use crate::simplify::inputs::Inputs;
 use crate::simplify::params::{CollapseParams, SimplifyParams};
 use crate::simplify::shape::{Shape, Shortfall};
-use crate::simplify::simplify_input::{DIRECTIONS, SimplifyInput};
+use crate::simplify::simplify_input::SimplifyInput;
+use crate::simplify::visibility::DIRECTIONS;
 use crate::simplify::{visibility, weld};
 
 /// Largest extent of a leaf, as a fraction of the radius of the bounding sphere.

@@ -15,7 +15,7 @@ use crate::animation::{Poses, influences_at};
 use crate::data::{Reconstruction, TriMesh};
 use crate::geometry::{Bvh, DisjointSets, Hit};
 use crate::simplify::inputs::Inputs;
-use crate::simplify::simplify_input::DIRECTIONS;
+use crate::simplify::visibility::DIRECTIONS;
 use crate::simplify::{visibility, weld};
 
 /// Distance above which two touching points count as moved apart, in cells.
