@@ -40,4 +40,6 @@ pub(crate) struct BakeOptions {
     pub(crate) priority: Option<BakePriority>,
     /// Memory in bytes that one bake may take.
     pub(crate) memory: Option<u64>,
+    /// True if each bake runs in a process of its own.
+    pub(crate) isolate: Option<bool>,
 }

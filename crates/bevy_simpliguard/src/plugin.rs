@@ -44,6 +44,10 @@ pub struct SimpliguardPlugin {
     /// Memory in bytes that one bake may take; half of the machine's by default. A model that would take more fails before
     /// anything is allocated for it.
     pub memory: Option<u64>,
+    /// Overrides `plugin.isolate` of `config/simpliguard.ron`: each bake runs in a process of its own, so that a crash or a lack
+    /// of memory costs one model and not the game. For that the game starts itself once more; this plugin bakes and ends that
+    /// process as soon as it is added. So whatever `main` does before runs there too.
+    pub isolate: Option<bool>,
 }
 
 impl Default for SimpliguardPlugin {
@@ -59,6 +63,7 @@ impl Default for SimpliguardPlugin {
             threads: None,
             priority: None,
             memory: None,
+            isolate: None,
         }
     }
 }
@@ -66,9 +71,9 @@ impl Default for SimpliguardPlugin {
 #[cfg(feature = "bake")]
 impl SimpliguardPlugin {
     fn bake_options(&self) -> crate::options::BakeOptions {
-        let Self { mode, threads, priority, memory, .. } = *self;
+        let Self { mode, threads, priority, memory, isolate, .. } = *self;
         let (profile, cache_dir) = (self.profile.clone(), self.cache_dir.clone());
-        crate::options::BakeOptions { mode, profile, cache_dir, threads, priority, memory }
+        crate::options::BakeOptions { mode, profile, cache_dir, threads, priority, memory, isolate }
     }
 }
 

@@ -5,7 +5,7 @@ use std::fmt;
 use bytesize::ByteSize;
 
 /// Names a stage of the pipeline. The order is that of [`crate::STAGES`].
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, serde::Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum StageId {
     /// glTF to [`crate::data::Model`].
@@ -73,7 +73,7 @@ impl fmt::Display for Printable<'_> {
 }
 
 /// The reason why a bake stopped. A message names the asset and the stage, what was found, and what to do about it.
-#[derive(Debug, thiserror::Error)]
+#[derive(Debug, thiserror::Error, serde::Serialize, serde::Deserialize)]
 #[non_exhaustive]
 pub enum Error {
     /// The bytes are no glTF, or break its rules so badly that nothing can be read.

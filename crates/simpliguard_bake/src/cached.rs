@@ -5,6 +5,7 @@ use simpliguard::{Context, Error, Key, ProgressSink, SceneBake, Source, StageSto
 use simpliguard_cache::{Cache, Flight, Lookup, SingleFlight};
 
 use crate::host::{Host, Notice};
+use crate::isolation::Isolation;
 use crate::object_host::ObjectHost;
 use crate::result::{BakeResult, Parts, catch_panics};
 use crate::stage_objects::StageObjects;
@@ -15,6 +16,7 @@ pub struct CachedBake<'a> {
     settings: &'a BakeSettings,
     parts: Parts<'a>,
     cache: Option<&'a Cache>,
+    isolation: Option<&'a Isolation>,
     key: Key,
 }
 
@@ -41,7 +43,13 @@ impl<'a> CachedBake<'a> {
         parts: Parts<'a>,
         cache: Option<&'a Cache>,
     ) -> Result<Self, Error> {
-        Ok(Self { key: bake_key(&source, settings)?, source, settings, parts, cache })
+        Ok(Self { key: bake_key(&source, settings)?, source, settings, parts, cache, isolation: None })
+    }
+
+    /// Bakes in a process of its own, if there is to be one.
+    #[must_use]
+    pub fn isolated(self, isolation: Option<&'a Isolation>) -> Self {
+        Self { isolation, ..self }
     }
 
     /// The key of the result: it stands for all bytes of the source, the settings and the version of the pipeline.
@@ -60,11 +68,20 @@ impl<'a> CachedBake<'a> {
     pub fn run(&self, context: &Context<'_>, host: &impl Host) -> Result<Outcome, Error> {
         self.find_or_make(context, host, || {
             host.begin()?;
-            match self.settings.scope {
-                Scope::Scene => self.bake(context, host),
-                Scope::Objects => self.bake_objects(context, host),
+            let Some(isolation) = self.isolation else { return self.make(context, host) };
+            match isolation.bake((&self.source, self.settings, self.parts, self.cache), context, host)? {
+                Some(result) => Ok(result),
+                None => self.make(context, host),
             }
         })
+    }
+
+    /// Bakes in this process, whether the cache has the result or not.
+    pub(crate) fn make(&self, context: &Context<'_>, host: &impl Host) -> Result<BakeResult, Error> {
+        match self.settings.scope {
+            Scope::Scene => self.bake(context, host),
+            Scope::Objects => self.bake_objects(context, host),
+        }
     }
 
     fn find_or_make(

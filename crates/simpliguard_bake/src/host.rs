@@ -16,12 +16,27 @@ pub enum Notice {
     /// The result cannot be stored. The bake goes on without.
     #[error("the result is not kept: {0}")]
     NotKept(Box<dyn std::error::Error + Send + Sync>),
+    /// No process can be started for the bake. It goes on in this one.
+    #[error("it is baked in this process, because no process of its own can be started: {0}")]
+    NotIsolated(std::io::Error),
+    /// A line of the process that bakes.
+    #[error("{text}")]
+    OfChild {
+        /// The line.
+        text: String,
+        /// See [`Notice::is_warning`].
+        is_warning: bool,
+    },
 }
 
 impl Notice {
     /// Tells whether something is wrong that the user can mend.
     pub fn is_warning(&self) -> bool {
-        !matches!(self, Self::Waits)
+        match self {
+            Self::Waits => false,
+            Self::OfChild { is_warning, .. } => *is_warning,
+            Self::Storage(_) | Self::NotKept(_) | Self::NotIsolated(_) => true,
+        }
     }
 }
 

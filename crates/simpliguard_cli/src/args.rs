@@ -85,6 +85,9 @@ pub(crate) struct ModelArgs {
     /// Longest time for one model, such as `90s` or `10m`. A model that takes longer fails, and the next one is baked.
     #[arg(long, value_name = "DURATION", value_parser = humantime::parse_duration)]
     pub(crate) timeout: Option<Duration>,
+    /// Bake each model in a process of its own, so that a crash or a lack of memory costs that model alone.
+    #[arg(long)]
+    pub(crate) isolate: bool,
     /// The cache's folder; else $SIMPLIGUARD_CACHE_DIR, else `cache.dir` of the project, else the user's cache folder.
     #[arg(long, value_name = "DIR", conflicts_with = "no_cache")]
     pub(crate) cache_dir: Option<PathBuf>,

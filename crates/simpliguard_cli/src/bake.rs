@@ -11,7 +11,7 @@ use simpliguard::data::{Level, Model};
 use simpliguard::gltf::{ImportLimits, import};
 use simpliguard::settings::BakeSettings;
 use simpliguard::{Error, NoResources, Source, StageId};
-use simpliguard_bake::{BakeResult, Outcome, Parts};
+use simpliguard_bake::{BakeResult, Outcome, Parts, isolation};
 use simpliguard_cache::{Durability, read_bounded, remove_stale_temporaries, write_atomic};
 use simpliguard_eval::{TurntableError, contact_sheet, turntable};
 
@@ -35,6 +35,15 @@ pub(crate) fn run(args: &BakeArgs) -> Result<Exit, UsageError> {
         summary::print_refusal(error)?;
     }
     result
+}
+
+/// Bakes one model for the command that has started this process; see `--isolate`.
+pub(crate) fn serve() -> ! {
+    isolation::serve(&draw_sheet, || {})
+}
+
+fn draw_sheet(model: &Model, levels: &[Level]) -> Result<Vec<u8>, Error> {
+    png(&model.name, &contact_sheet(model, levels))
 }
 
 fn bake_all(args: &BakeArgs) -> Result<Exit, UsageError> {
@@ -89,8 +98,7 @@ impl<'a> Writer<'a> {
         settings: &BakeSettings,
         progress: &AssetProgress,
     ) -> Result<Outcome, Error> {
-        let draw = |model: &Model, levels: &[Level]| png(&model.name, &contact_sheet(model, levels));
-        let parts = if self.args.sheet { Parts::Sheet(&draw) } else { Parts::Levels };
+        let parts = if self.args.sheet { Parts::Sheet(&draw_sheet) } else { Parts::Levels };
         // The output folder is checked first, because a bake takes too long to find out afterwards.
         let begin = || self.can_write(job);
         self.runner.find_or_bake(&Request { job, file, settings, parts, progress, begin: &begin })

@@ -36,11 +36,15 @@ use std::ffi::OsString;
 use std::process::ExitCode;
 
 use clap::Parser;
+use simpliguard_bake::isolation;
 
 use args::{Args, Command};
 
 /// Runs the command. The first argument is the name of the program. Wrong arguments and `--help` end the process.
 pub fn run<T: Into<OsString> + Clone>(args: impl IntoIterator<Item = T>) -> ExitCode {
+    if isolation::is_child() {
+        bake::serve();
+    }
     let done = match Args::parse_from(args).command {
         Command::Bake(args) => bake::run(&args),
         Command::Cache(args) => cache::run(&args),

@@ -5,12 +5,13 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::num::NonZeroUsize;
 use std::path::PathBuf;
 use std::rc::Rc;
+use std::thread::available_parallelism;
 
 use rayon::{ThreadPool, ThreadPoolBuilder};
 use simpliguard::settings::BakeSettings;
 use simpliguard::{Context, Error};
 use simpliguard_bake::{
-    CachePlace, CachedBake, Host, Notice, Outcome, OutsideProject, Parts, SHARED_ENV_VAR, default_memory,
+    CachePlace, CachedBake, Host, Isolation, Notice, Outcome, OutsideProject, Parts, SHARED_ENV_VAR, default_memory,
 };
 use simpliguard_cache::{Cache, Counters, StorageError};
 
@@ -31,6 +32,7 @@ pub(crate) struct Runner<'a> {
     pub(crate) memory: u64,
     /// `None` for the global pool with all cores.
     pool: Option<ThreadPool>,
+    isolation: Option<Isolation>,
     /// The caches of the projects so far. A shared cache that hangs costs one of them one wait, not each model.
     caches: RefCell<BTreeMap<ProjectCache, Option<Rc<Cache>>>>,
     /// Folders outside of their projects that a warning was printed for. A project has many models, but one cache.
@@ -95,6 +97,7 @@ impl<'a> Runner<'a> {
             interrupt: Interrupt::install(),
             memory: models.memory.map_or_else(default_memory, |size| size.as_u64()),
             pool,
+            isolation: models.isolate.then(|| isolation(models)).transpose()?,
             caches: RefCell::default(),
             outside: RefCell::default(),
         })
@@ -138,6 +141,7 @@ impl<'a> Runner<'a> {
         let Request { job, file, settings, parts, progress, .. } = *request;
         let cache = self.cache(job);
         let bake = CachedBake::new(file.source(), settings, parts, cache.as_deref())?;
+        let bake = bake.isolated(self.isolation.as_ref());
         let stage = LastStage::new(progress);
         let context = Context { progress: Some(&stage), memory: Some(self.memory), ..Context::default() };
         let run = || {
@@ -175,4 +179,10 @@ impl<'a> Runner<'a> {
             None => work(),
         }
     }
+}
+
+/// Bakes in processes of this command.
+fn isolation(models: &ModelArgs) -> Result<Isolation, UsageError> {
+    let threads = models.threads.or_else(|| available_parallelism().ok()).map_or(1, NonZeroUsize::get);
+    Isolation::new(threads).map_err(|e| UsageError(format!("--isolate: {e}")))
 }

@@ -48,6 +48,7 @@ pub(super) struct Options {
     /// Without the plugin.
     plain: bool,
     blocking: bool,
+    isolate: bool,
     threads: Option<usize>,
     priority: Priority,
     /// Pictures are processed too, by something that makes them black.
@@ -107,6 +108,7 @@ fn game() {
         app.add_plugins(SimpliguardPlugin {
             mode: options.blocking.then_some(BakeMode::Blocking),
             threads: options.threads,
+            isolate: Some(options.isolate),
             priority: Some(match options.priority {
                 Priority::Lowest => BakePriority::Lowest,
                 Priority::Low => BakePriority::Low,

@@ -48,6 +48,21 @@ fn the_model_comes_at_once_and_its_levels_follow() {
 }
 
 #[test]
+fn bakes_in_processes_of_their_own_give_the_same_levels() {
+    let levels = |options: &str| {
+        let project = with_globe();
+        let mut game = project.run_with(options);
+        game.wait_for("finished", "globe.gltf");
+        game.wait_for_levels("globe.gltf", 2);
+        game.assert_rising_progress("globe.gltf");
+        game.assert_not_logged("it is baked in this process");
+        game.quit();
+        fs::read(project.path("imported_assets/Default/globe.gltf")).expect("processed")
+    };
+    assert!(levels("isolate: true") == levels("isolate: false"));
+}
+
+#[test]
 fn a_saved_texture_gives_new_levels() {
     let project = with_globe();
     let mut game = project.run();

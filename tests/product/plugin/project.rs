@@ -239,6 +239,12 @@ impl Game {
         self.past.iter().filter_map(|r| r["levels"].as_u64()).min().expect("a model was loaded")
     }
 
+    #[track_caller]
+    pub(super) fn assert_not_logged(&mut self, text: &str) {
+        let story = self.story();
+        assert!(!story.contains(text), "{story}");
+    }
+
     /// Ends a game that had nothing to bake and never showed a model without levels.
     #[track_caller]
     pub(super) fn quit_without_bakes(mut self) {

@@ -41,6 +41,7 @@ use bevy::asset::processor::AssetProcessor;
 use bevy::image::{CompressedImageFormatSupport, CompressedImageFormats, ImageLoader, ImagePlugin};
 use bevy::prelude::*;
 use simpliguard::settings::{self, ProjectSettings};
+use simpliguard_bake::isolation;
 
 pub use events::{BakeFailed, BakeFinished, BakeProgress, BakeStarted};
 pub use processor::{MetaSettings, SimpliguardProcess};
@@ -55,6 +56,7 @@ use input::{Files, Input, InputLoader};
 use journal::Journal;
 use lock::{NoLog, ProcessorLock};
 use project::Project;
+use worker::Share;
 
 /// The baker, whose queue is closed when the game ends.
 #[derive(Resource)]
@@ -69,6 +71,10 @@ impl Drop for OpenBaker {
 
 /// Registers the asset sources, before `AssetPlugin` is built.
 pub(crate) fn build(options: &BakeOptions, app: &mut App) {
+    if isolation::is_child() {
+        // This is not the game, but a bake of it.
+        worker::serve(priority(options, &configured(options), mode(options, &configured(options))));
+    }
     app.add_message::<BakeStarted>()
         .add_message::<BakeProgress>()
         .add_message::<BakeFinished>()
@@ -125,9 +131,7 @@ pub(crate) fn finish(options: &BakeOptions, app: &mut App) {
 /// Starts the workers and registers the processor.
 fn start(options: &BakeOptions, app: &mut App, processor: AssetProcessor, folders: &Folders, paths: &Paths) {
     warn_if_slow();
-    let project = Project::new(options.profile.clone());
-    // Errors in the file are reported with each model.
-    let configured = project.read().map(|file| file.project).unwrap_or_default();
+    let configured = configured(options);
     let (sender, receiver) = async_channel::unbounded();
     let mode = mode(options, &configured);
     let base = FileAssetReader::get_base_path();
@@ -140,7 +144,7 @@ fn start(options: &BakeOptions, app: &mut App, processor: AssetProcessor, folder
         memory: options.memory.unwrap_or_else(simpliguard_bake::default_memory),
         journal,
         activity: folders.activity().clone(),
-        project,
+        project: Project::new(options.profile.clone()),
         queue: Arc::default(),
         events: sender,
         caches: default(),
@@ -152,8 +156,12 @@ fn start(options: &BakeOptions, app: &mut App, processor: AssetProcessor, folder
         Err(error) => warn!("save the models again whose bakes were interrupted: {error}"),
     }
     let files = Files { processor, root: base.join(&paths.source) };
-    let (threads, priority) = (threads(options, &configured, mode), priority(options, &configured, mode));
-    if let Err(error) = worker::start(&baker, &files, threads, priority) {
+    let share = Share {
+        threads: threads(options, &configured, mode),
+        priority: priority(options, &configured, mode),
+        isolate: options.isolate.or(configured.isolate).unwrap_or(false),
+    };
+    if let Err(error) = worker::start(&baker, &files, share) {
         error!("no levels are baked: cannot start the threads: {error}");
         return;
     }
@@ -176,6 +184,11 @@ pub(crate) fn cleanup(app: &mut App) {
     if app.is_plugin_added::<ImagePlugin>() && formats == Some(CompressedImageFormats::NONE) {
         app.register_asset_loader(ImageLoader::new(CompressedImageFormats::NONE));
     }
+}
+
+/// The settings of the project. Errors in the file are reported with each model.
+fn configured(options: &BakeOptions) -> ProjectSettings {
+    Project::new(options.profile.clone()).read().map(|file| file.project).unwrap_or_default()
 }
 
 fn mode(options: &BakeOptions, configured: &ProjectSettings) -> BakeMode {

@@ -9,7 +9,7 @@ use bevy::prelude::*;
 use bevy::tasks::block_on;
 use rayon::{ThreadPool, ThreadPoolBuilder};
 use simpliguard::{Context, Error, PreviewSink, Progress, ProgressSink, Report, Status};
-use simpliguard_bake::{BakeResult, CachedBake, Host, Notice, Parts};
+use simpliguard_bake::{BakeResult, CachedBake, Host, Isolation, Notice, Parts, isolation};
 use thread_priority::{ThreadPriority, ThreadPriorityValue};
 
 use super::baker::Baker;
@@ -26,8 +26,21 @@ const MOST_BAKES: usize = 4;
 /// The thread priority of [`BakePriority::Low`]: a nice value of 9; on Windows, below normal.
 const LOW: u8 = 25;
 
-/// Starts the workers, which end when the queue is closed. `threads` is the number of threads that compute.
-pub(super) fn start(baker: &Arc<Baker>, files: &Files, threads: usize, priority: BakePriority) -> io::Result<()> {
+/// What bakes may take of the machine.
+#[derive(Clone, Copy)]
+pub(super) struct Share {
+    /// Number of threads that compute.
+    pub(super) threads: usize,
+    pub(super) priority: BakePriority,
+    /// True if each bake runs in a process of its own.
+    pub(super) isolate: bool,
+}
+
+/// Starts the workers, which end when the queue is closed.
+pub(super) fn start(baker: &Arc<Baker>, files: &Files, share: Share) -> io::Result<()> {
+    let Share { threads, priority, isolate } = share;
+    let workers = (threads / THREADS_PER_BAKE).clamp(1, MOST_BAKES);
+    let isolation = isolate.then(|| Isolation::new(threads / workers)).transpose()?;
     let pool = ThreadPoolBuilder::new()
         .num_threads(threads)
         .thread_name(|i| format!("simpliguard {i}"))
@@ -35,11 +48,18 @@ pub(super) fn start(baker: &Arc<Baker>, files: &Files, threads: usize, priority:
         .build()
         .map_err(io::Error::other)?;
     let pool = Arc::new(pool);
-    for i in 0..(threads / THREADS_PER_BAKE).clamp(1, MOST_BAKES) {
-        let worker = Worker { baker: baker.clone(), files: files.clone(), pool: pool.clone() };
+    for i in 0..workers {
+        let (baker, files) = (baker.clone(), files.clone());
+        let worker = Worker { baker, files, pool: pool.clone(), isolation: isolation.clone() };
         thread::Builder::new().name(format!("simpliguard bake {i}")).spawn(move || worker.run())?;
     }
     Ok(())
+}
+
+/// Bakes one model for the game that has started this process, and ends it.
+pub(super) fn serve(priority: BakePriority) -> ! {
+    // A game asks for no sheet.
+    isolation::serve(&|_, _| Ok(Vec::new()), move || set_priority(priority))
 }
 
 /// Sets the priority of the calling thread.
@@ -60,6 +80,7 @@ struct Worker {
     baker: Arc<Baker>,
     files: Files,
     pool: Arc<ThreadPool>,
+    isolation: Option<Isolation>,
 }
 
 /// The reason why a job has no result.
@@ -108,6 +129,7 @@ impl Worker {
         let files = block_on(SourceFiles::read(&self.files, &path)).map_err(unreadable)?;
         let (settings, cache) = (in_flight.job.request.settings.clone(), in_flight.job.request.cache.clone());
         let bake = CachedBake::new(files.source(), &settings, Parts::Combined, cache.as_deref())?;
+        let bake = bake.isolated(self.isolation.as_ref());
         if bake.key() != in_flight.job.request.key {
             if !self.baker.queue.rekey(in_flight, bake.key()) {
                 return Err(Stop::Superseded);

@@ -49,6 +49,8 @@ pub struct ProjectSettings {
     pub threads: Option<NonZeroU32>,
     /// The priority of these threads, relative to the threads of the game.
     pub priority: Option<BakePriority>,
+    /// True if a game bakes in processes of their own.
+    pub isolate: Option<bool>,
 }
 
 /// The places and the size of the cache.
@@ -158,6 +160,8 @@ struct PluginContents {
     threads: Option<NonZeroU32>,
     #[serde(with = "serde_with::rust::unwrap_or_skip")]
     priority: Option<BakePriority>,
+    #[serde(with = "serde_with::rust::unwrap_or_skip")]
+    isolate: Option<bool>,
 }
 
 impl ProjectFile {
@@ -170,8 +174,8 @@ impl ProjectFile {
     /// If the text is malformed, or names a field or a value that does not exist.
     pub fn parse(text: &str, file: &str) -> Result<Self, Error> {
         let Contents { defaults, rules, profiles, cache, plugin } = parse(text, file)?;
-        let PluginContents { mode, threads, priority } = plugin;
-        let project = ProjectSettings { cache, mode, threads, priority };
+        let PluginContents { mode, threads, priority, isolate } = plugin;
+        let project = ProjectSettings { cache, mode, threads, priority, isolate };
         Ok(Self { file: file.to_owned(), defaults, rules, profiles, project })
     }
 
@@ -215,7 +219,7 @@ mod tests {
         ],
         profiles: {"vr": (quality: Best)},
         cache: (dir: "../cache", max_size: "1.5 GiB", shared: "s3://levels", shared_read_only: true),
-        plugin: (mode: Blocking, threads: 3, priority: Low),
+        plugin: (mode: Blocking, threads: 3, priority: Low, isolate: true),
     )"#;
 
     #[test]
@@ -236,7 +240,7 @@ mod tests {
         assert_eq!(file.project.cache.shared.as_deref(), Some("s3://levels"));
         assert!(file.project.cache.shared_read_only);
         assert_eq!((file.project.mode, file.project.threads), (Some(BakeMode::Blocking), NonZeroU32::new(3)));
-        assert_eq!(file.project.priority, Some(BakePriority::Low));
+        assert_eq!((file.project.priority, file.project.isolate), (Some(BakePriority::Low), Some(true)));
     }
 
     #[test]

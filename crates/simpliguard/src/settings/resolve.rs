@@ -5,6 +5,7 @@ use std::fmt;
 use super::choices::Quality;
 use super::field::FieldInfo;
 use super::fields::{BakeOverrides, BakeSettings, reference};
+use super::overrides::parse_overrides;
 use crate::Error;
 
 /// The origin of a value. File names are as the caller gave them.
@@ -103,6 +104,23 @@ impl Resolved {
     }
 }
 
+impl BakeSettings {
+    /// All fields as RON.
+    pub fn to_ron(&self) -> String {
+        let fields: Vec<String> = self.entries().iter().map(|(name, value)| format!("{name}: {value}")).collect();
+        format!("({})", fields.join(", "))
+    }
+
+    /// The settings of which this is [`Self::to_ron`]. A field that is missing has its built-in value.
+    ///
+    /// # Errors
+    /// If the text is malformed, or a value is out of range.
+    pub fn from_ron(text: &str) -> Result<Self, Error> {
+        let overrides = parse_overrides(text, "settings")?;
+        resolve(vec![Layer { origin: Origin::CommandLine, overrides }]).map(|resolved| resolved.settings)
+    }
+}
+
 /// Lays overrides over the built-in values, each layer over those before it: project defaults, matching rules, profile,
 /// `.meta`, settings file, command line. The quality is the last one of all layers; its built-in values lie below all
 /// of them.
@@ -152,6 +170,21 @@ mod tests {
         assert_eq!(resolved.origin("quality"), Some(&Origin::BuiltIn));
         assert_eq!(resolved.origin("views"), Some(&Origin::Preset(Quality::Standard)));
         assert_eq!(resolved.origin("nothing"), None);
+    }
+
+    #[test]
+    fn settings_survive_as_a_text() {
+        let set = [
+            ("faces", "200,1000"),
+            ("quality", "draft"),
+            ("texture_size", "256,512"),
+            ("scope", "objects"),
+            ("objects", "Tree*"),
+        ];
+        let resolved = resolve(vec![layer(Origin::CommandLine, &set)]).expect("valid").settings;
+        for settings in [BakeSettings::default(), BakeSettings::preset(Quality::Best), resolved] {
+            assert_eq!(BakeSettings::from_ron(&settings.to_ron()).expect("valid"), settings, "{}", settings.to_ron());
+        }
     }
 
     #[test]

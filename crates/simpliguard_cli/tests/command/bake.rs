@@ -72,6 +72,24 @@ fn bytes_do_not_depend_on_the_number_of_threads() {
 }
 
 #[test]
+fn processes_of_their_own_bake_the_same_bytes() {
+    let folder = Folder::new().with("in/ball.glb", sphere(24)).with("in/broken.glb", b"glTF");
+    let bake = |out: &str, args: &[&str]| {
+        let given = ["in", "--faces", "100", "--split-levels", "--sheet", "--no-cache", "--json", "--output", out];
+        let run = quick(&folder, &[&given, args].concat());
+        assert_eq!(run.code, 1, "{}", run.stderr);
+        let assets = run.json()["assets"].clone();
+        assert!(assets[1]["error"].as_str().is_some_and(|e| e.contains("broken.glb: import: ")), "{assets}");
+        assert!(!run.stderr.contains("it is baked in this process"), "{}", run.stderr);
+        let out = folder.path(out);
+        names(&out).into_iter().map(|name| (fs::read(out.join(&name)).expect("reads"), name)).collect::<Vec<_>>()
+    };
+    let isolated = bake("isolated", &["--isolate"]);
+    assert_eq!(isolated.len(), 3);
+    assert!(isolated == bake("plain", &[]), "the bytes differ");
+}
+
+#[test]
 fn a_small_model_passes_through_and_the_bad_one_beside_it_fails_alone() {
     let folder = Folder::new().with("in/small.glb", triangle()).with("in/bad.glb", "glTF");
     let run = folder.bake(&["in", "--json"]);
