@@ -74,6 +74,11 @@ pub fn generate(inputs: &Inputs<'_>, params: &SimplifyParams, candidate: Candida
     simplify_to_budgets(inputs, params, candidate, &input)
 }
 
+/// Welds triangles and cuts them into a manifold mesh with boundary. Degenerate triangles are left out.
+pub fn manifold(mesh: &TriMesh) -> TriMesh {
+    weld::weld(&mesh.positions, &mesh.triangles).0
+}
+
 /// Collapses a manifold mesh, with or without boundary, to at most `faces` faces by plain quadric error. This is the
 /// step that the candidates share, without a source to compare with.
 pub fn collapse(mesh: &TriMesh, faces: usize) -> TriMesh {

@@ -19,8 +19,21 @@ mod codec;
 mod keys;
 mod stored;
 
+use crate::data::Atlas;
+use crate::refine::Refined;
+use crate::simplify::{Selected, Shape};
+
 pub use keys::bake_key;
 pub(crate) use keys::{
     atlas_key, candidate_key, choice_key, content_key, form_key, shapes_key, vertices_key, warm_start_key,
 };
 pub(crate) use stored::{Stored, decode, encode};
+
+/// Tells whether bytes are an object of some stage. A bake knows which kind it expects; this is for the tests of the decoders.
+#[doc(hidden)]
+pub fn is_stage_object(bytes: &[u8]) -> bool {
+    decode::<Vec<Shape>>(bytes).is_some()
+        || decode::<Vec<Selected>>(bytes).is_some()
+        || decode::<Refined>(bytes).is_some()
+        || decode::<Atlas>(bytes).is_some()
+}

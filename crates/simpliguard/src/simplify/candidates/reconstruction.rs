@@ -67,19 +67,19 @@ pub(crate) fn seen_through_backs(
     closed: &TriMesh,
     pixels: &[u32],
 ) -> Option<TriMesh> {
-    let over_back = faces_over_backs(inputs, closed);
+    let over_back = faces_over_backs(inputs, closed, |t| pixels[t] > 0);
     let backs: u64 = pixels.iter().zip(over_back).filter(|(_, back)| *back).map(|(&n, _)| u64::from(n)).sum();
     if backs as f64 <= BACKS * pixels.iter().map(|&n| u64::from(n)).sum::<u64>() as f64 {
         return None;
     }
     let mesh = reconstruct_around(inputs, params, &points_before_seen_triangles(inputs, params));
-    let mut fronts: Vec<bool> = faces_over_backs(inputs, &mesh).into_iter().map(|back| !back).collect();
+    let mut fronts: Vec<bool> = faces_over_backs(inputs, &mesh, |_| true).into_iter().map(|back| !back).collect();
     visibility::grow(&mesh, &mut fronts, 1);
     Some(weld::cut(&mesh.filtered(|t| fronts[t])))
 }
 
-/// Whether each face of a reconstruction lies over the back of a single-sided triangle.
-fn faces_over_backs(inputs: &Inputs<'_>, mesh: &TriMesh) -> Vec<bool> {
+/// Whether each face of a reconstruction lies over the back of a single-sided triangle; false for those that are not asked for.
+fn faces_over_backs(inputs: &Inputs<'_>, mesh: &TriMesh, is_asked: impl Fn(usize) -> bool + Sync) -> Vec<bool> {
     let opaque = inputs.opaque;
     let is_over_back = |t: usize| {
         let [a, b, c] = mesh.corners(t);
@@ -88,7 +88,7 @@ fn faces_over_backs(inputs: &Inputs<'_>, mesh: &TriMesh) -> Vec<bool> {
             back && !is_double_sided(inputs, hit.triangle as usize)
         })
     };
-    (0..mesh.triangles.len()).into_par_iter().map(is_over_back).collect()
+    (0..mesh.triangles.len()).into_par_iter().map(|t| is_asked(t) && is_over_back(t)).collect()
 }
 
 fn is_double_sided(inputs: &Inputs<'_>, opaque: usize) -> bool {
