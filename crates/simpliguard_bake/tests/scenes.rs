@@ -7,7 +7,7 @@ use std::collections::BTreeMap;
 
 use bytes::Bytes;
 use serde_json::{Value, json};
-use simpliguard::settings::{BakeSettings, Candidates, Quality, Scope};
+use simpliguard::settings::{BakeOverrides, BakeSettings, Candidates, ObjectRule, Quality, Scope};
 use simpliguard::{Context, RelativeUri, Report, Resources, Source, Status};
 use simpliguard_bake::{CachedBake, Host, Notice, Parts};
 use simpliguard_cache::Cache;
@@ -262,6 +262,23 @@ fn a_group_is_one_object_and_small_things_stay() {
     assert_eq!((baked.levels_of(2).len(), baked.levels_of(5).len(), baked.levels_of(6).len()), (3, 3, 0));
     let report = &baked.report.objects[0];
     assert_eq!((report.instances, report.source_faces), (2, 480));
+}
+
+#[test]
+fn rules_reach_the_objects_that_they_name() {
+    let dir = tempfile::tempdir().expect("tempdir");
+    let rule = |node: &str, settings| ObjectRule { node: node.to_owned(), settings };
+    let object_rules = vec![
+        rule("ball.00[36]", BakeOverrides { faces: Some(vec![60]), ..BakeOverrides::default() }),
+        rule("*.001", BakeOverrides { enabled: Some(false), ..BakeOverrides::default() }),
+    ];
+    let baked = bake_with(&village(), &Cache::new(dir.path()), &BakeSettings { object_rules, ..settings() });
+    let levels: Vec<usize> = (0..12).map(|node| baked.levels_of(node).len()).collect();
+    assert_eq!(levels, [3, 0, 3, 1, 3, 3, 1, 3, 3, 3, 3, 3]);
+    let objects: Vec<_> = baked.report.objects.iter().map(|o| (o.name.as_str(), o.instances, o.levels.len())).collect();
+    let expected = [("ball.000", 2, 3), ("ball.001", 1, 0), ("ball.002", 4, 3), ("ball.003", 2, 1), ("ball.004", 3, 3)];
+    assert_eq!(objects, expected);
+    assert!(baked.report.objects[3].levels[0].faces <= 60);
 }
 
 #[test]

@@ -12,7 +12,7 @@ use super::context::{Context, Progress, ProgressSink};
 use super::report::{ObjectReport, Report, StageSeconds, Status};
 use super::version::PIPELINE_VERSION;
 use crate::gltf::{ImportLimits, ObjectScene};
-use crate::settings::{BakeSettings, ExistingLods, Scope, SourceGeometry};
+use crate::settings::{BakeSettings, ExistingLods, MatchingRules, RuleMatcher, Scope, SourceGeometry};
 use crate::{Error, NoResources, Source};
 
 /// Fewest triangles of a level of an object: those of a box.
@@ -25,7 +25,7 @@ pub struct SceneBake {
     settings: BakeSettings,
     /// Number of the next kind of objects.
     next: usize,
-    /// The kinds whose files were built, by the hash of the file.
+    /// The kinds whose files were built, by the hash of the file and the settings.
     built: HashMap<Key, usize>,
     /// The report of each kind that has one.
     reports: Vec<Option<ObjectReport>>,
@@ -62,7 +62,9 @@ impl SceneBake {
         }
         let mut limits = ImportLimits::default();
         limits.memory = context.memory.unwrap_or(limits.memory);
-        let scene = ObjectScene::read(source, &limits, &settings.objects, &context.cancellation)?;
+        let rules = RuleMatcher::of(settings);
+        let class = |name: &str| rules.find(name).bits();
+        let scene = ObjectScene::read(source, &limits, (&settings.objects, class), &context.cancellation)?;
         if scene.kinds().is_empty() || scene.has_levels && settings.existing_lods == ExistingLods::Keep {
             return Ok(None);
         }
@@ -87,10 +89,12 @@ impl SceneBake {
         while let Some(found) = self.scene.kinds().get(self.next) {
             let kind = self.next;
             self.next += 1;
-            let Some(settings) = object_settings(&self.settings, found.faces) else { continue };
+            let settings = self.settings.with_object_rules(MatchingRules::from_bits(found.class));
+            let Some(settings) = object_settings(&settings, found.faces) else { continue };
             let (name, instances) = (found.name.clone(), found.instances);
             let glb = self.scene.build(kind)?;
-            let first = *self.built.entry(KeyBuilder::new(PIPELINE_VERSION).input(&glb).finish()).or_insert(kind);
+            let content = KeyBuilder::new(PIPELINE_VERSION).input(&glb).input(settings.to_ron().as_bytes()).finish();
+            let first = *self.built.entry(content).or_insert(kind);
             if first != kind {
                 self.scene.share(kind, first);
                 self.reports[first].iter_mut().for_each(|report| report.instances += instances);
@@ -180,6 +184,7 @@ fn object_settings(settings: &BakeSettings, faces: u64) -> Option<BakeSettings> 
         scope: Scope::Scene,
         objects: built_in.objects,
         object_faces: built_in.object_faces,
+        object_rules: built_in.object_rules,
         // The scene has the object's own mesh.
         source: SourceGeometry::Drop,
         faces,

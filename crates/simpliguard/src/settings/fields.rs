@@ -1,7 +1,7 @@
 //! The table of fields, and everything that is generated from it.
 
-use serde::Serialize;
 use serde::de::{Error as _, MapAccess};
+use serde::{Deserialize, Serialize};
 
 use super::choices::{
     Candidates, ExistingLods, InitialTexture, JointSplitting, MorphTargets, Quality, Resolution, Scope, SkinTransfer,
@@ -73,6 +73,12 @@ macro_rules! settings {
                 is_set
             }
 
+            /// With the built-in values of another quality where the values are those of this one.
+            pub(super) fn at_quality(self, quality: Quality) -> Self {
+                let (own, other) = (Self::preset(self.quality), Self::preset(quality));
+                Self { $( $name: if self.$name == own.$name { other.$name } else { self.$name }, )+ }
+            }
+
             /// Name and value as RON of each field, in their order.
             pub(super) fn entries(&self) -> Vec<(&'static str, String)> {
                 vec![$( (stringify!($name), self.$name.ron()) ),+]
@@ -98,6 +104,14 @@ macro_rules! settings {
                     }
                 )+
                 Err(Error::Settings(format!("unknown field '{name}'{}", did_you_mean(&field, NAMES))))
+            }
+
+            /// Name and value as RON of each field that is set, in their order.
+            pub(super) fn entries(&self) -> Vec<(&'static str, String)> {
+                [$( (stringify!($name), self.$name.as_ref().map(Value::ron)) ),+]
+                    .into_iter()
+                    .filter_map(|(name, value)| Some((name, value?)))
+                    .collect()
             }
 
             /// Reads the value of `name`, which is one of [`NAMES`].
@@ -133,6 +147,17 @@ macro_rules! settings {
     };
 }
 
+/// Settings of the objects of a scene whose names match.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ObjectRule {
+    /// Glob over the names of objects, `Rock*`; upper and lower case differ. An object has the name of its node, or else that
+    /// of its mesh.
+    pub node: String,
+    /// The fields that are set for these objects.
+    pub settings: BakeOverrides,
+}
+
 settings! {
     /// Makes levels of detail. If false, the file passes through unchanged.
     enabled: bool = always(true), Limit::None;
@@ -156,6 +181,9 @@ settings! {
     objects: Vec<NodePattern> = always(Vec::new()), Limit::None;
     /// Fewest triangles of an object that gets levels, with `scope: Objects`. Smaller ones stay as they are.
     object_faces: u32 = always(100), Limit::Between(8.0, 1e6);
+    /// Settings of objects by the names of their nodes, with `scope: Objects`:
+    /// `[(node: "Rock*", settings: (faces: [100, 300]))]`. Later rules win.
+    object_rules: Vec<ObjectRule> = always(Vec::new()), Limit::None;
     /// Cells of the reconstruction along the longest side of the model.
     resolution: Resolution = always(Resolution::Auto), Limit::Between(32.0, 512.0);
     /// Cells of the finest reconstruction that `resolution: Auto` generates. One of more than 256 cells is generated

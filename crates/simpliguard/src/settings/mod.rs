@@ -15,6 +15,7 @@ mod field;
 mod fields;
 mod importance;
 mod meta;
+mod object_rules;
 mod overrides;
 mod patterns;
 mod project;
@@ -30,8 +31,9 @@ pub use choices::{
     SourceGeometry, TextureSolver,
 };
 pub use field::FieldInfo;
-pub use fields::{BakeOverrides, BakeSettings, reference};
+pub use fields::{BakeOverrides, BakeSettings, ObjectRule, reference};
 pub use meta::parse_meta;
+pub(crate) use object_rules::{MatchingRules, RuleMatcher};
 pub use overrides::parse_overrides;
 pub use project::{BakeMode, BakePriority, CacheSettings, ProjectFile, ProjectSettings, Rule, parse_cache_size};
 pub use resolve::{Effective, Layer, Origin, Resolved, resolve};

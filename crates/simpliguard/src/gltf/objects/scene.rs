@@ -34,6 +34,8 @@ pub(crate) struct ObjectKind {
     pub(crate) faces: u64,
     /// Number of instances.
     pub(crate) instances: u32,
+    /// What the caller says of the name. Objects of which it says different things are of different kinds.
+    pub(crate) class: u64,
     recipe: Recipe,
     levels: Levels,
     /// The kind whose levels it shows. Two kinds of equal content are found only when their files are built.
@@ -41,14 +43,14 @@ pub(crate) struct ObjectKind {
 }
 
 impl ObjectScene {
-    /// Reads a file and divides its default scene into objects.
+    /// Reads a file and divides its default scene into objects. `class` tells names apart that must not share their levels.
     ///
     /// # Errors
     /// As [`import`](crate::gltf::import()), but for what the import of an object finds.
     pub(crate) fn read(
         source: &Source<'_>,
         limits: &ImportLimits,
-        patterns: &[NodePattern],
+        (patterns, class): (&[NodePattern], impl Fn(&str) -> u64),
         cancellation: &Cancellation,
     ) -> Result<Self, Error> {
         let document = read_document(source, limits, cancellation)?;
@@ -64,8 +66,12 @@ impl ObjectScene {
         let (mut instances, mut kinds) = (Vec::with_capacity(objects.len()), Vec::new());
         for object in objects {
             let recipe = Recipe::new(&out, &object, &channels);
-            let kind = *known.entry(recipe.text()).or_insert_with(|| {
-                kinds.push(ObjectKind::new(&out, &object, recipe, kinds.len()));
+            let name = name_of(&out, &object);
+            let class = class(&name);
+            let kind = *known.entry((recipe.text(), class)).or_insert_with(|| {
+                let faces = object.mesh_nodes.iter().map(|&node| faces(&out, &object, node)).sum();
+                let shown = kinds.len();
+                kinds.push(ObjectKind { name, faces, instances: 0, class, recipe, levels: Levels::default(), shown });
                 kinds.len() - 1
             });
             kinds[kind].instances += 1;
@@ -127,19 +133,6 @@ impl ObjectScene {
             prune::prune(&mut self.out, &[Kind::Scene, Kind::Node, Kind::Animation]);
         }
         self.out.into_glb()
-    }
-}
-
-impl ObjectKind {
-    fn new(out: &Builder, object: &Object, recipe: Recipe, number: usize) -> Self {
-        Self {
-            name: name_of(out, object),
-            faces: object.mesh_nodes.iter().map(|&node| faces(out, object, node)).sum(),
-            instances: 0,
-            recipe,
-            levels: Levels::default(),
-            shown: number,
-        }
     }
 }
 

@@ -36,7 +36,10 @@ pub fn bake_key(source: &Source<'_>, settings: &BakeSettings) -> Result<Key, Err
     let key = key.params(&Params::new(settings));
     let key = match settings.scope {
         Scope::Scene => key,
-        Scope::Objects => key.params(&(settings.scope, &settings.objects, settings.object_faces)),
+        Scope::Objects => {
+            let key = key.params(&(settings.scope, &settings.objects, settings.object_faces));
+            if settings.object_rules.is_empty() { key } else { key.params(&settings.object_rules) }
+        }
     };
     Ok(key.finish())
 }
