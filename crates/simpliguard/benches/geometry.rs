@@ -4,6 +4,8 @@
 //! `cargo bench -p simpliguard --bench geometry`; the throughput is in triangles of the input.
 //! `SIMPLIGUARD_BENCH_MODEL` names a glTF, such as a scan, that is simplified as well.
 
+use std::sync::Arc;
+
 use divan::counter::ItemsCount;
 use divan::{Bencher, black_box};
 use glam::Vec3;
@@ -98,8 +100,8 @@ fn shape_of(bencher: Bencher<'_, '_>, model: &Model) {
     let Params { candidates, collapse, .. } = Params::new(&BakeSettings::default());
     let params = SimplifyParams { budgets: vec![1000, 2000, 4000], candidates, collapse };
     bencher.counter(ItemsCount::new(surface.triangles.len())).bench_local(|| {
-        let bvh = Bvh::new(&surface.positions, &surface.triangles);
-        let opaque = OpaqueSurface::of(&sampler);
+        let bvh = Arc::new(Bvh::new(&surface.positions, &surface.triangles));
+        let opaque = OpaqueSurface::of(&sampler, &bvh);
         let inputs = Inputs {
             model,
             bvh: &bvh,

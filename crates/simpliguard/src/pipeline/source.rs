@@ -1,5 +1,7 @@
 //! The imported source, prepared for the stages.
 
+use std::sync::Arc;
+
 use glam::Vec3;
 
 use super::params::{JointPlaneParams, Params};
@@ -24,7 +26,7 @@ pub(crate) struct SourceIndex<'a> {
     pub(crate) sampler: SurfaceSampler<'a>,
     pub(crate) sphere: BoundingSphere,
     pub(crate) poses: Option<Poses<'a>>,
-    pub(crate) bvh: Bvh,
+    pub(crate) bvh: Arc<Bvh>,
     pub(crate) opaque: OpaqueSurface,
     /// Seed of everything that is random, from the bytes of the file.
     pub(crate) seed: u64,
@@ -43,7 +45,9 @@ impl<'a> SourceIndex<'a> {
         let poses = run.time(StageId::Views, || Poses::of(model, poses, most, run.cancellation()));
         run.check()?;
         let (bvh, opaque) = run.time(StageId::Simplify, || {
-            rayon::join(|| Bvh::new(&surface.positions, &surface.triangles), || OpaqueSurface::of(&sampler))
+            let bvh = Arc::new(Bvh::new(&surface.positions, &surface.triangles));
+            let opaque = OpaqueSurface::of(&sampler, &bvh);
+            (bvh, opaque)
         });
         let hash = content_hash(source.bytes);
         let seed = hash.as_bytes()[..8].iter().fold(0u64, |seed, &byte| seed << 8 | u64::from(byte));

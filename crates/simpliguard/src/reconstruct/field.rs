@@ -42,7 +42,6 @@ pub(super) fn build(mesh: &TriMesh, params: &Reconstruction, cancellation: &Canc
 struct Descent {
     corners: Vec<[Vec3A; 3]>,
     spheres: Vec<CentroidSphere>,
-    facets: Vec<Facet>,
     /// Surface level in cells.
     offset: f32,
 }
@@ -88,9 +87,15 @@ struct Lists {
     triangles: Vec<u32>,
     /// Lower bounds on the distances to the centre of the node that listed the triangles.
     distances: Vec<f32>,
+    /// Scratch: the triangles of a leaf, prepared. Prepared once for all leaves, those of a scan would take a gigabyte.
+    facets: Vec<Facet>,
 }
 
 impl Lists {
+    fn new(triangles: Vec<u32>) -> Self {
+        Self { distances: vec![0.0; triangles.len()], triangles, facets: Vec::new() }
+    }
+
     fn truncate(&mut self, len: usize) {
         self.triangles.truncate(len);
         self.distances.truncate(len);
@@ -113,8 +118,7 @@ impl Lists {
 impl Descent {
     fn new(corners: Vec<[Vec3A; 3]>, offset: f32) -> Self {
         let spheres = corners.iter().map(CentroidSphere::around).collect();
-        let facets = corners.iter().map(Facet::new).collect();
-        Self { corners, spheres, facets, offset }
+        Self { corners, spheres, offset }
     }
 
     /// The bricks of the band in a grid of `samples` cubed; some are missing if cancelled.
@@ -157,7 +161,7 @@ impl Descent {
     }
 
     fn bricks_of_task(&self, task: Node, list: Vec<u32>, cancellation: &Cancellation) -> Vec<Brick> {
-        let mut lists = Lists { distances: vec![0.0; list.len()], triangles: list };
+        let mut lists = Lists::new(list);
         let mut out = Bricks { bricks: Vec::new(), cancellation };
         self.descend(task, 0, &mut lists, &mut out);
         out.bricks
@@ -187,7 +191,9 @@ impl Descent {
         let end = lists.triangles.len();
         if self.narrow(node, self.offset + SAMPLED, start, lists) {
             if node.size == 2 || end + 2 >= lists.triangles.len() {
-                self.evaluate(node, &lists.triangles[end..], distance);
+                lists.facets.clear();
+                lists.facets.extend(lists.triangles[end..].iter().map(|&t| Facet::new(&self.corners[t as usize])));
+                evaluate(node, &lists.facets, distance);
             } else {
                 for child in node.children() {
                     self.fill(child, end, lists, distance);
@@ -228,28 +234,27 @@ impl Descent {
         lists.retain_within(limit, end);
         lists.triangles.len() > end
     }
+}
 
-    /// Distances of the node's samples to the nearest of the listed triangles, four samples at a time.
-    fn evaluate(&self, node: Node, list: &[u32], distance: &mut [f32; BRICK_SAMPLES]) {
-        let Node { origin, size } = node;
-        for z in (origin.z..origin.z + size).step_by(2) {
-            for y in (origin.y..origin.y + size).step_by(2) {
-                for x in (origin.x..origin.x + size).step_by(2) {
-                    let sample = IVec3::new(x, y, z);
-                    let at = sample.as_vec3();
-                    let layers = [Points::square(at), Points::square(at + Vec3::Z)];
-                    let mut nearest = [Vec4::MAX; 2];
-                    for &t in list {
-                        let facet = &self.facets[t as usize];
-                        for (nearest, points) in nearest.iter_mut().zip(&layers) {
-                            *nearest = nearest.min(facet.distances_squared(points));
-                        }
+/// Distances of the node's samples to the nearest of the triangles, four samples at a time.
+fn evaluate(node: Node, facets: &[Facet], distance: &mut [f32; BRICK_SAMPLES]) {
+    let Node { origin, size } = node;
+    for z in (origin.z..origin.z + size).step_by(2) {
+        for y in (origin.y..origin.y + size).step_by(2) {
+            for x in (origin.x..origin.x + size).step_by(2) {
+                let sample = IVec3::new(x, y, z);
+                let at = sample.as_vec3();
+                let layers = [Points::square(at), Points::square(at + Vec3::Z)];
+                let mut nearest = [Vec4::MAX; 2];
+                for facet in facets {
+                    for (nearest, points) in nearest.iter_mut().zip(&layers) {
+                        *nearest = nearest.min(facet.distances_squared(points));
                     }
-                    let first = local_index(sample);
-                    for (layer, nearest) in nearest.iter().enumerate() {
-                        for (i, d) in nearest.to_array().into_iter().enumerate() {
-                            distance[first + 64 * layer + 8 * (i >> 1) + (i & 1)] = d.sqrt();
-                        }
+                }
+                let first = local_index(sample);
+                for (layer, nearest) in nearest.iter().enumerate() {
+                    for (i, d) in nearest.to_array().into_iter().enumerate() {
+                        distance[first + 64 * layer + 8 * (i >> 1) + (i & 1)] = d.sqrt();
                     }
                 }
             }

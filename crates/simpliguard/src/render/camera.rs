@@ -28,7 +28,15 @@ impl Camera {
 
     /// Positions in clip space.
     pub fn project(&self, positions: &[Vec3]) -> Vec<Vec4> {
-        positions.iter().map(|p| self.view_projection * p.extend(1.0)).collect()
+        let mut clip = Vec::new();
+        self.project_into(positions, &mut clip);
+        clip
+    }
+
+    /// Replaces `clip` by positions in clip space.
+    pub fn project_into(&self, positions: &[Vec3], clip: &mut Vec<Vec4>) {
+        clip.clear();
+        clip.extend(positions.iter().map(|p| self.view_projection * p.extend(1.0)));
     }
 }
 

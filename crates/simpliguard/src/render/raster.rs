@@ -80,6 +80,8 @@ pub struct Raster {
     pub ids: Vec<u32>,
     /// Depth of each pixel, -1 near to 1 far; `f32::MAX` for an empty pixel.
     pub depth: Vec<f32>,
+    /// Corners in pixels of the last [`Self::draw`], kept for their memory.
+    corners: Vec<Vec3>,
 }
 
 /// A triangle set up for scan conversion.
@@ -92,7 +94,7 @@ struct Setup {
 impl Raster {
     /// An empty buffer.
     pub fn new(size: usize) -> Self {
-        Self { size, ids: vec![EMPTY_PIXEL; size * size], depth: vec![f32::MAX; size * size] }
+        Self { size, ids: vec![EMPTY_PIXEL; size * size], depth: vec![f32::MAX; size * size], corners: Vec::new() }
     }
 
     /// Empties the pixels within `rect`.
@@ -106,7 +108,9 @@ impl Raster {
 
     /// Draws opaque triangles. Back faces are drawn only where `double_sided(t)`.
     pub fn draw(&mut self, clip: &[Vec4], triangles: &[[u32; 3]], double_sided: impl Fn(usize) -> bool) {
-        let pixels = self.pixel_corners(clip);
+        let mut pixels = std::mem::take(&mut self.corners);
+        pixels.clear();
+        pixels.extend(self.corners_in_pixels(clip));
         for (t, triangle) in triangles.iter().enumerate() {
             let corners = triangle.map(|v| pixels[v as usize]);
             // Most triangles of a dense mesh lie between pixels.
@@ -117,12 +121,17 @@ impl Raster {
                 self.fill_opaque(t as u32, &setup);
             }
         }
+        self.corners = pixels;
     }
 
     /// Corners in pixels, for [`Raster::draw_tested`]; not a number behind the camera.
     pub(crate) fn pixel_corners(&self, clip: &[Vec4]) -> Vec<Vec3> {
-        let corner = |&c: &Vec4| if c.w > 0.0 { to_pixels(c, self.size) } else { Vec3::NAN };
-        clip.iter().map(corner).collect()
+        self.corners_in_pixels(clip).collect()
+    }
+
+    fn corners_in_pixels(&self, clip: &[Vec4]) -> impl Iterator<Item = Vec3> {
+        let size = self.size;
+        clip.iter().map(move |&c| if c.w > 0.0 { to_pixels(c, size) } else { Vec3::NAN })
     }
 
     /// Draws triangle `t`. Calls `visit(buffer index, x, y)` for each of its pixels that passes the depth test, and
@@ -158,11 +167,13 @@ impl Raster {
         scan(&setup.corners, size, |y, x0, x1| {
             let start = setup.plane.x + setup.plane.z * y as f32;
             let span = y * size + x0..y * size + x1;
-            for (k, (depth, pixel)) in depth[span.clone()].iter_mut().zip(&mut ids[span]).enumerate() {
-                let z = start + setup.plane.y * (x0 + k) as f32;
-                let nearer = z < *depth;
-                *depth = if nearer { z } else { *depth };
-                *pixel = if nearer { id } else { *pixel };
+            let pixels = depth[span.clone()].iter_mut().zip(&mut ids[span]);
+            for (x, (depth, pixel)) in (x0 as i32..x1 as i32).zip(pixels) {
+                let z = start + setup.plane.y * x as f32;
+                // Masks instead of branches: half of the pixels of layered triangles fail the test, at random.
+                let nearer = u32::from(z < *depth).wrapping_neg();
+                *depth = f32::from_bits(z.to_bits() & nearer | depth.to_bits() & !nearer);
+                *pixel = id & nearer | *pixel & !nearer;
             }
         });
     }
@@ -192,9 +203,7 @@ fn set_up(corners: [Vec3; 3], double_sided: impl Fn() -> bool) -> Option<Setup> 
 /// it alike: no pixel between them is left out, and none is drawn twice.
 #[inline]
 pub(crate) fn scan(corners: &[Vec3; 3], size: usize, mut span: impl FnMut(usize, usize, usize)) {
-    let mut by_height = corners.map(|c| c.truncate());
-    by_height.sort_by(|a, b| a.y.total_cmp(&b.y).then(a.x.total_cmp(&b.x)));
-    let [low, middle, high] = by_height;
+    let [low, middle, high] = by_height(corners.map(|c| c.truncate()));
     let limit = size as f32;
     let (y0, y1) = (first_centre(low.y, limit), first_centre(high.y, limit));
     for y in y0..y1 {
@@ -207,6 +216,19 @@ pub(crate) fn scan(corners: &[Vec3; 3], size: usize, mut span: impl FnMut(usize,
             span(y, x0, x1);
         }
     }
+}
+
+/// Three points from the lowest to the highest.
+#[inline]
+fn by_height([a, b, c]: [Vec2; 3]) -> [Vec2; 3] {
+    let sorted = |a: Vec2, b: Vec2| {
+        let is_higher = a.y.total_cmp(&b.y).then(a.x.total_cmp(&b.x)).is_gt();
+        if is_higher { (b, a) } else { (a, b) }
+    };
+    let (a, b) = sorted(a, b);
+    let (b, c) = sorted(b, c);
+    let (a, b) = sorted(a, b);
+    [a, b, c]
 }
 
 /// `x` rounded up, clamped to 0 and `limit`. `f32::ceil` would be a function call on targets without a rounding

@@ -15,6 +15,8 @@ pub struct Renderer<'a> {
     raster: Raster,
     /// Encoded, premultiplied colour of each sample.
     colors: Vec<Vec4>,
+    /// Vertices of the last image in clip space, kept for their memory.
+    clip: Vec<Vec4>,
     /// Samples along each side of a pixel.
     samples: usize,
 }
@@ -23,7 +25,7 @@ impl<'a> Renderer<'a> {
     /// A renderer of images with a side of `size` pixels, each the mean of `samples` x `samples` points.
     pub fn new(sampler: &'a SurfaceSampler<'a>, size: usize, samples: usize) -> Self {
         let fine = size * samples;
-        Self { sampler, raster: Raster::new(fine), colors: vec![Vec4::ZERO; fine * fine], samples }
+        Self { sampler, raster: Raster::new(fine), colors: vec![Vec4::ZERO; fine * fine], clip: Vec::new(), samples }
     }
 
     /// The image of the model from `camera`.
@@ -33,7 +35,8 @@ impl<'a> Renderer<'a> {
 
     /// The image of the model from `camera`, with its vertices at `positions`. It is lit as if they had not moved.
     pub fn draw_moved(&mut self, positions: &[Vec3], camera: &Camera, light: Light) -> Image {
-        let clip = camera.project(positions);
+        let mut clip = std::mem::take(&mut self.clip);
+        camera.project_into(positions, &mut clip);
         let rect = Rect::around(&clip, self.raster.size, self.samples).aligned(self.samples);
         self.raster.clear(rect);
         for y in rect.rows() {
@@ -43,6 +46,7 @@ impl<'a> Renderer<'a> {
         draw_opaque(self.sampler, &mut self.raster, &clip);
         self.shade_opaque(&clip, rect, camera, light);
         self.blend(&clip, camera, light);
+        self.clip = clip;
         self.resolve(rect)
     }
 

@@ -73,6 +73,7 @@ fn prepare(inputs: &Inputs<'_>, params: &SimplifyParams, input: &SimplifyInput) 
     } else if inputs.poses.is_some() {
         simplifier.run(ENCLOSED_AT * largest);
     }
+    simplifier.compact();
     if let Some(poses) = inputs.poses {
         simplifier.follow(poses.count(), |unit| motions_in_unit_sphere(inputs, poses, unit));
     }

@@ -1,5 +1,7 @@
 //! The solid surface of a source: its triangles without those that are cut out nearly everywhere.
 
+use std::sync::Arc;
+
 use glam::Vec3;
 use rayon::prelude::*;
 
@@ -25,7 +27,7 @@ pub struct OpaqueSurface {
     /// The triangles.
     pub mesh: TriMesh,
     /// Over the triangles of `mesh`.
-    pub bvh: Bvh,
+    pub bvh: Arc<Bvh>,
     /// Index of each triangle in the source.
     pub source: Vec<u32>,
     /// Fraction of each triangle that is not cut out, 0 to 1.
@@ -33,8 +35,8 @@ pub struct OpaqueSurface {
 }
 
 impl OpaqueSurface {
-    /// Sorts out the triangles of the sampled model that are cut out.
-    pub fn of(sampler: &SurfaceSampler<'_>) -> Self {
+    /// Sorts out the triangles of the sampled model that are cut out. `whole` is the hierarchy over all of its triangles.
+    pub fn of(sampler: &SurfaceSampler<'_>, whole: &Arc<Bvh>) -> Self {
         let surface = &sampler.model().surface;
         let all: Vec<u32> = (0..surface.triangles.len() as u32).collect();
         let opacity: Vec<f32> = all.par_iter().map(|&t| opacity(sampler, t as usize)).collect();
@@ -43,7 +45,9 @@ impl OpaqueSurface {
         let triangles = source.iter().map(|&t| surface.triangles[t as usize]).collect();
         let opacity = source.iter().map(|&t| opacity[t as usize]).collect();
         let mesh = TriMesh { positions: surface.positions.clone(), triangles };
-        Self { bvh: Bvh::new(&mesh.positions, &mesh.triangles), mesh, source, opacity }
+        let is_whole = source.len() == surface.triangles.len();
+        let bvh = if is_whole { whole.clone() } else { Bvh::new(&mesh.positions, &mesh.triangles).into() };
+        Self { bvh, mesh, source, opacity }
     }
 }
 
@@ -74,10 +78,15 @@ mod tests {
         Model { surface, materials: alphas.iter().map(material).collect(), ..Model::empty("leaves") }
     }
 
+    fn opaque(model: &Model) -> OpaqueSurface {
+        let bvh = Bvh::new(&model.surface.positions, &model.surface.triangles);
+        OpaqueSurface::of(&SurfaceSampler::new(model), &bvh.into())
+    }
+
     #[test]
     fn triangles_that_are_cut_out_are_left_out() {
         let model = model(&[0.1, 1.0, 0.6], AlphaMode::Mask { cutoff: 0.5 });
-        let opaque = OpaqueSurface::of(&SurfaceSampler::new(&model));
+        let opaque = opaque(&model);
         assert_eq!((opaque.source, opaque.opacity), (vec![1, 2], vec![1.0; 2]));
     }
 
@@ -85,7 +94,7 @@ mod tests {
     fn clear_triangles_and_a_model_that_is_cut_out_as_a_whole_are_kept() {
         for (alphas, alpha_mode) in [([0.1, 0.6], AlphaMode::Blend), ([0.1, 0.05], AlphaMode::Mask { cutoff: 0.5 })] {
             let model = model(&alphas, alpha_mode);
-            assert_eq!(OpaqueSurface::of(&SurfaceSampler::new(&model)).source, [0, 1]);
+            assert_eq!(opaque(&model).source, [0, 1]);
         }
     }
 }

@@ -14,6 +14,8 @@ use crate::render::{Camera, EMPTY_PIXEL, Raster, Rect};
 
 /// Number of directions from which a mesh is viewed in the rest pose.
 pub(super) const DIRECTIONS: usize = 48;
+/// Least number of directions of one task: each has buffers of its own.
+const MIN_DIRECTIONS: usize = 6;
 /// Side of the identity buffer in pixels.
 const SIZE: usize = 640;
 /// Barycentric coordinates of the points of a face from which rays start.
@@ -32,9 +34,9 @@ pub(super) fn visible_pixels(
     // Not the lattice of the views, so that both do not share their blind spots.
     let turn = glam::Quat::from_xyzw(0.18, 0.37, 0.26, 0.87).normalize();
     let directions = fibonacci_directions(directions);
-    let count = |(mut raster, mut pixels): (Raster, Vec<u32>), direction: &Vec3| {
+    let count = |(mut raster, mut clip, mut pixels): (Raster, Vec<Vec4>, Vec<u32>), direction: &Vec3| {
         let camera = Camera::orbit(sphere, (turn * *direction).normalize(), 0.6, 1.0);
-        let clip: Vec<Vec4> = camera.project(&mesh.positions);
+        camera.project_into(&mesh.positions, &mut clip);
         let rect = Rect::around(&clip, SIZE, 0);
         raster.clear(rect);
         raster.draw(&clip, &mesh.triangles, double_sided);
@@ -45,11 +47,12 @@ pub(super) fn visible_pixels(
                 }
             }
         }
-        (raster, pixels)
+        (raster, clip, pixels)
     };
     let empty = || vec![0u32; mesh.triangles.len()];
-    let wanted = directions.par_iter().take_any_while(|_| !cancellation.is_cancelled());
-    wanted.fold(|| (Raster::new(SIZE), empty()), count).map(|(_, pixels)| pixels).reduce(empty, |mut a, b| {
+    let wanted = directions.par_iter().with_min_len(MIN_DIRECTIONS).take_any_while(|_| !cancellation.is_cancelled());
+    let counts = wanted.fold(|| (Raster::new(SIZE), Vec::new(), empty()), count).map(|(.., pixels)| pixels);
+    counts.reduce(empty, |mut a, b| {
         a.iter_mut().zip(b).for_each(|(a, b)| *a += b);
         a
     })
@@ -84,7 +87,7 @@ pub(super) fn clear_pixels(
         (raster, pixels, covered)
     };
     let empty = || (vec![0u32; clear.triangles.len()], 0);
-    let wanted = directions.par_iter().take_any_while(|_| !cancellation.is_cancelled());
+    let wanted = directions.par_iter().with_min_len(MIN_DIRECTIONS).take_any_while(|_| !cancellation.is_cancelled());
     let start = || (Raster::new(SIZE), vec![0u32; clear.triangles.len()], 0);
     wanted.fold(start, count).map(|(_, pixels, covered)| (pixels, covered)).reduce(empty, |mut a, b| {
         a.0.iter_mut().zip(b.0).for_each(|(a, b)| *a += b);

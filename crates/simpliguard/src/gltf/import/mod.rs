@@ -33,6 +33,7 @@ mod meshopt;
 mod morphs;
 mod nodes;
 mod primitive;
+mod primitive_mesh;
 mod resources;
 mod rewrite;
 mod schema;

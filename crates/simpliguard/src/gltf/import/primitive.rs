@@ -4,6 +4,7 @@ use glam::{Vec2, Vec3, Vec4};
 
 use super::accessor::Reader;
 use super::influences::{has_joints, influences};
+use super::primitive_mesh::{PrimitiveMesh, renumber};
 use super::schema;
 use crate::Error;
 use crate::data::{Influences, area_vector};
@@ -12,25 +13,6 @@ use crate::geometry::{first_equal, position_bits};
 const TRIANGLES: u32 = 4;
 const TRIANGLE_STRIP: u32 = 5;
 const TRIANGLE_FAN: u32 = 6;
-
-/// Triangles and their vertices. Attributes that are present have the length of `positions`.
-#[derive(Debug, Default)]
-pub(super) struct PrimitiveMesh {
-    /// Includes morph targets at their default weights.
-    pub(super) positions: Vec<Vec3>,
-    /// Unit length, or zero for a vertex without a triangle of positive area.
-    pub(super) normals: Vec<Vec3>,
-    pub(super) tangents: Option<Vec<Vec4>>,
-    pub(super) uvs: [Option<Vec<Vec2>>; 2],
-    pub(super) colors: Option<Vec<Vec4>>,
-    /// Red of the second vertex colour.
-    pub(super) painted: Option<Vec<f32>>,
-    /// Joints as numbered by the skin; all zero for a vertex without positive weights.
-    pub(super) influences: Option<Vec<Influences>>,
-    pub(super) triangles: Vec<[u32; 3]>,
-    /// Displacement of each vertex by each morph target. Empty for targets without positions, and if not asked for.
-    pub(super) displacements: Vec<Vec<Vec3>>,
-}
 
 /// True if a primitive is made of triangles with positions.
 pub(super) fn has_triangles(primitive: &schema::Primitive<'_>) -> bool {
@@ -61,7 +43,7 @@ pub(super) fn read(
     let attributes = Attributes { reader, primitive, weights, used: &used };
     let positions: Vec<Vec3> = attributes.morphed("POSITION")?.unwrap_or_default();
     let normals: Option<Vec<Vec3>> = attributes.morphed("NORMAL")?;
-    Ok(PrimitiveMesh {
+    let mesh = PrimitiveMesh {
         normals: completed_normals(normals, &positions, &triangles),
         positions,
         tangents: attributes.tangents()?,
@@ -71,7 +53,8 @@ pub(super) fn read(
         influences: attributes.influences()?,
         displacements: if with_displacements { attributes.displacements()? } else { Vec::new() },
         triangles,
-    })
+    };
+    Ok(if primitive.indices.is_none() { mesh.with_merged_vertices() } else { mesh })
 }
 
 fn vertex_count(reader: Reader<'_>, primitive: &schema::Primitive<'_>) -> Result<usize, Error> {
@@ -101,22 +84,6 @@ fn triangles(reader: Reader<'_>, primitive: &schema::Primitive<'_>) -> Result<Ve
         TRIANGLE_FAN => corners.get(1..).unwrap_or_default().windows(2).map(|w| [w[0], w[1], corners[0]]).collect(),
         _ => corners.as_chunks::<3>().0.to_vec(),
     })
-}
-
-/// Renumbers the corners in order of first use and returns the old number of each vertex.
-fn renumber(triangles: &mut [[u32; 3]], vertices: usize) -> Vec<u32> {
-    let mut used = Vec::new();
-    // Zero means not seen yet. Zeroed memory that is never touched costs nothing, even for a large shared buffer.
-    let mut new_number = vec![0u32; vertices];
-    for vertex in triangles.iter_mut().flatten() {
-        let slot = &mut new_number[*vertex as usize];
-        if *slot == 0 {
-            used.push(*vertex);
-            *slot = used.len() as u32;
-        }
-        *vertex = *slot - 1;
-    }
-    used
 }
 
 /// Reads the attributes of the used vertices.

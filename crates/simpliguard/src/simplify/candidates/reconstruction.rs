@@ -24,6 +24,8 @@ const APART: f32 = 1.0;
 const CONFLICT: f64 = 0.5;
 /// Backs of single-sided triangles are left open if they are more than this fraction of the pixels of a reconstruction.
 const BACKS: f64 = 0.25;
+/// Number of faces of a reconstruction, evenly spread over those that are seen, that tell the fraction of backs.
+const BACKS_SAMPLES: usize = 1 << 15;
 /// The component of a vertex without opaque triangles.
 const NO_COMPONENT: u32 = u32::MAX;
 
@@ -67,28 +69,36 @@ pub(crate) fn seen_through_backs(
     closed: &TriMesh,
     pixels: &[u32],
 ) -> Option<TriMesh> {
-    let over_back = faces_over_backs(inputs, closed, |t| pixels[t] > 0);
-    let backs: u64 = pixels.iter().zip(over_back).filter(|(_, back)| *back).map(|(&n, _)| u64::from(n)).sum();
-    if backs as f64 <= BACKS * pixels.iter().map(|&n| u64::from(n)).sum::<u64>() as f64 {
+    if !shows_backs(inputs, closed, pixels) {
         return None;
     }
     let mesh = reconstruct_around(inputs, params, &points_before_seen_triangles(inputs, params));
-    let mut fronts: Vec<bool> = faces_over_backs(inputs, &mesh, |_| true).into_iter().map(|back| !back).collect();
+    let mut fronts: Vec<bool> =
+        (0..mesh.triangles.len()).into_par_iter().map(|t| !is_over_back(inputs, &mesh, t)).collect();
     visibility::grow(&mesh, &mut fronts, 1);
     Some(weld::cut(&mesh.filtered(|t| fronts[t])))
 }
 
-/// Whether each face of a reconstruction lies over the back of a single-sided triangle; false for those that are not asked for.
-fn faces_over_backs(inputs: &Inputs<'_>, mesh: &TriMesh, is_asked: impl Fn(usize) -> bool + Sync) -> Vec<bool> {
-    let opaque = inputs.opaque;
-    let is_over_back = |t: usize| {
-        let [a, b, c] = mesh.corners(t);
-        opaque.bvh.closest((a + b + c) / 3.0, inputs.sphere.radius).is_some_and(|hit| {
-            let back = opaque.mesh.area_vector(hit.triangle as usize).dot(mesh.area_vector(t)) < 0.0;
-            back && !is_double_sided(inputs, hit.triangle as usize)
-        })
+/// True if backs are a good part of the pixels of a reconstruction.
+fn shows_backs(inputs: &Inputs<'_>, mesh: &TriMesh, pixels: &[u32]) -> bool {
+    let seen: Vec<usize> = (0..pixels.len()).filter(|&t| pixels[t] > 0).collect();
+    let samples = seen.par_iter().step_by(seen.len().div_ceil(BACKS_SAMPLES).max(1));
+    let count = |&t: &usize| {
+        let n = u64::from(pixels[t]);
+        (if is_over_back(inputs, mesh, t) { n } else { 0 }, n)
     };
-    (0..mesh.triangles.len()).into_par_iter().map(|t| is_asked(t) && is_over_back(t)).collect()
+    let (backs, all) = samples.map(count).reduce(|| (0, 0), |a, b| (a.0 + b.0, a.1 + b.1));
+    backs as f64 > BACKS * all as f64
+}
+
+/// True if a face of a reconstruction lies over the back of a single-sided triangle.
+fn is_over_back(inputs: &Inputs<'_>, mesh: &TriMesh, face: usize) -> bool {
+    let opaque = inputs.opaque;
+    let [a, b, c] = mesh.corners(face);
+    opaque.bvh.closest((a + b + c) / 3.0, inputs.sphere.radius).is_some_and(|hit| {
+        let is_back = opaque.mesh.area_vector(hit.triangle as usize).dot(mesh.area_vector(face)) < 0.0;
+        is_back && !is_double_sided(inputs, hit.triangle as usize)
+    })
 }
 
 fn is_double_sided(inputs: &Inputs<'_>, opaque: usize) -> bool {
@@ -247,9 +257,9 @@ mod tests {
     }
 
     fn with_inputs<T>(model: &Model, run: impl Fn(&Inputs<'_>) -> T) -> T {
-        let bvh = Bvh::new(&model.surface.positions, &model.surface.triangles);
+        let bvh = std::sync::Arc::new(Bvh::new(&model.surface.positions, &model.surface.triangles));
         let sampler = SurfaceSampler::new(model);
-        let (opaque, poses) = (OpaqueSurface::of(&sampler), Poses::of(model, 1, 1, &Cancellation::default()));
+        let (opaque, poses) = (OpaqueSurface::of(&sampler, &bvh), Poses::of(model, 1, 1, &Cancellation::default()));
         let source = crate::skinning::SkinSource::new(model, &bvh);
         run(&Inputs {
             model,

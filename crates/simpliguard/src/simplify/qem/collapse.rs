@@ -60,7 +60,7 @@ impl Simplifier {
     fn fill_queue(&mut self, precision: Precision) {
         let faces: Vec<u32> = self.live().collect();
         let this = &*self;
-        let entries: Vec<QueuedCollapse> = faces
+        let lists = faces
             .par_iter()
             .with_min_len(1024)
             .flat_map_iter(|&f| {
@@ -70,9 +70,9 @@ impl Simplifier {
                 let once = edges.filter(|&(u, v)| u < v || this.is_boundary_edge(u, v));
                 once.map(|(u, v)| this.queued(u, v))
             })
-            .collect();
+            .collect_vec_list();
         self.queue = Queue::new(precision);
-        for entry in entries {
+        for entry in lists.into_iter().flatten() {
             self.queue.push(entry.cost, entry);
         }
     }

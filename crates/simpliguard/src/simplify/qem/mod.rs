@@ -7,6 +7,7 @@
 
 mod adjacency;
 mod collapse;
+mod compact;
 mod components;
 mod contact;
 mod follow_poses;

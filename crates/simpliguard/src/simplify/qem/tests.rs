@@ -56,6 +56,21 @@ fn a_tetrahedron_stays_within_its_budget_and_vanishes_below_it() {
 }
 
 #[test]
+fn what_is_left_collapses_as_if_nothing_had_been_dropped() {
+    let mesh = grid(24, |x, y| 0.2 * libm::sinf(5.0 * x) * libm::sinf(7.0 * y));
+    let mut simplifier = Simplifier::new(&mesh, &areas(&mesh), 0.1);
+    simplifier.run(300);
+    let mut compact = simplifier.clone();
+    compact.compact();
+    assert_eq!((compact.faces.len(), compact.faces()), (simplifier.faces(), simplifier.faces()));
+    for target in [300, 120, 12] {
+        simplifier.run(target);
+        compact.run(target);
+        assert_eq!(compact.mesh(), simplifier.mesh());
+    }
+}
+
+#[test]
 fn a_hole_of_three_edges_closes() {
     // An octahedron without one face.
     let mesh = TriMesh {
