@@ -156,6 +156,20 @@ pub enum Error {
         /// Bytes that the bake may take in all.
         limit: u64,
     },
+    /// A level misses one of its bars, and `on_miss` is `Fail`.
+    #[error(
+        "{}: maps: LOD{level}: {}; raise its `faces`, lower the bar, or set `on_miss: Warn`",
+        Printable(asset),
+        Printable(found)
+    )]
+    Gate {
+        /// Name of the asset.
+        asset: String,
+        /// Number of the level, from 1, the smallest.
+        level: u32,
+        /// The figures and their bars.
+        found: String,
+    },
     /// A setting is out of its range, or has an unknown name.
     #[error("settings: {}", Printable(.0))]
     Settings(String),

@@ -47,6 +47,6 @@ pub use pipeline::report::{LevelReport, LevelTopology, ObjectReport, Report, Sta
 pub use pipeline::scene::{ObjectProgress, ObjectSource, SceneBake};
 pub use pipeline::stage::{STAGES, Stage};
 pub use pipeline::store::{bake_key, is_stage_object};
-pub use pipeline::{Baked, Likeness, OPT_LEVEL, PIPELINE_VERSION, WrongMaterial, bake};
+pub use pipeline::{Baked, Bars, Likeness, Miss, OPT_LEVEL, PIPELINE_VERSION, WrongMaterial, bake};
 pub use simpliguard_key::{Key, KeyBuilder, content_hash};
 pub use source::{NoResources, RelativeUri, Resources, Source};

@@ -123,8 +123,8 @@ pub(crate) struct ReportArgs {
 /// Bars that every level must meet.
 #[derive(clap::Args, Clone, Debug, Default, PartialEq)]
 pub(crate) struct GateArgs {
-    /// Check every level, also of results from the cache: exit code 3 if one misses a bar. Its PSNR must be at least
-    /// `warn_below` of the model's settings, and meet the bars below. The files are written all the same.
+    /// Check every level, also of results from the cache: exit code 3 if one misses a bar. It must meet
+    /// `warn_below` and the bars of the model's settings, and those below. The files are written all the same.
     #[arg(long)]
     pub(crate) gate: bool,
     /// Least `likeness.psnr` of the report, in dB.

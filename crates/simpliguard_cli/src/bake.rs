@@ -80,7 +80,7 @@ impl<'a> Writer<'a> {
             if !job.input.exists() {
                 outcome.result.report.notes.push(GONE.to_owned());
             }
-            let missed = self.args.gate.check(&outcome.result.report, settings.warn_below);
+            let missed = self.args.gate.check(&outcome.result.report, settings);
             Ok((outcome, written, missed))
         });
         let report = match result {

@@ -12,7 +12,7 @@ use simpliguard_cache::{Counters, Durability, write_atomic};
 use crate::Exit;
 use crate::console;
 use crate::error::UsageError;
-use crate::gate::Miss;
+use crate::gate::LevelMiss;
 use crate::output::{columns, json_text, write_stdout};
 use crate::plan::Job;
 
@@ -34,7 +34,7 @@ pub(crate) struct JobReport {
     #[serde(skip_serializing_if = "Vec::is_empty")]
     objects: Vec<ObjectReport>,
     /// The bars of the gate that levels miss. Null without `--gate`, and if nothing was written.
-    gate: Option<Vec<Miss>>,
+    gate: Option<Vec<LevelMiss>>,
     /// The contact sheet. Null if there is none.
     sheet: Option<String>,
     /// The turntable. Null if there is none.
@@ -81,7 +81,7 @@ impl JobReport {
         job: &Job,
         outcome: Outcome,
         written: Written,
-        gate: Option<Vec<Miss>>,
+        gate: Option<Vec<LevelMiss>>,
         elapsed: Duration,
     ) -> Self {
         let (report, cached) = (outcome.result.report, outcome.is_cached);
@@ -139,7 +139,7 @@ impl JobReport {
     }
 
     /// The bars of the gate that its levels miss.
-    fn missed(&self) -> &[Miss] {
+    fn missed(&self) -> &[LevelMiss] {
         self.gate.as_deref().unwrap_or_default()
     }
 

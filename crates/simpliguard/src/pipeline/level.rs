@@ -94,8 +94,9 @@ impl Levels<'_> {
         let (budget, selected) = &self.shapes.solid.levels[i];
         let runner_up = selected.runner_up.as_ref().filter(|_| choice == Choice::RunnerUp);
         let shape = runner_up.map_or(&selected.best, |runner_up| &runner_up.shape);
-        let (params, run) = (self.params.level(*budget, self.view(i, shape)), run.level(i + 1));
-        LevelTask { all: *self, number: i + 1, budget: *budget, shape, is_runner_up: runner_up.is_some(), params, run }
+        let (params, number) = (self.params.level(*budget, self.view(i, shape)), self.first + i + 1);
+        let run = run.level(number);
+        LevelTask { all: *self, number, budget: *budget, shape, is_runner_up: runner_up.is_some(), params, run }
     }
 }
 
@@ -105,7 +106,7 @@ impl Levels<'_> {
         let clear = self.shapes.clear.of(self.shapes.solid.levels[i].0).map(|(_, shape)| shape.mesh.area());
         let diagonal = self.source.deviation_metric.diagonal();
         let area = (shape.mesh.area() + clear.sum::<f32>()) / (diagonal * diagonal);
-        LevelView::new(i, shape.cards.is_some(), (area, shape.deviation.percentile_95))
+        LevelView::new(self.first + i, shape.cards.is_some(), (area, shape.deviation.percentile_95))
     }
 }
 

@@ -16,6 +16,8 @@ pub(super) struct Levels<'a> {
     pub(super) views: &'a Views<'a>,
     pub(super) params: &'a Params,
     pub(super) shapes: LayerShapes<'a>,
+    /// Index of the first of the levels among all levels of the bake.
+    pub(super) first: usize,
     /// Pictures that the levels are compared with; `None` for a preview.
     pub(super) pictures: Option<&'a SourcePictures<'a>>,
     /// Vertices may lie where an earlier bake with other views has left them: for a preview.

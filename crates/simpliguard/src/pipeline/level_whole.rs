@@ -142,9 +142,9 @@ impl WholeLevel {
             let likeness = pictures.compare(&level);
             drop_useless_normal_map(&mut level, pictures, likeness)
         });
-        let bar = task.all.params.maps.warn_below;
-        let warning = likeness.as_ref().and_then(|likeness| likeness.warning(report.level, bar));
-        (level, LevelReport { likeness, warning, ..report })
+        let report = LevelReport { likeness, ..report };
+        let warning = task.all.params.gate.warning(&report);
+        (level, LevelReport { warning, ..report })
     }
 
     fn report(&self, task: &LevelTask<'_>) -> LevelReport {

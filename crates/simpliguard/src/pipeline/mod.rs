@@ -1,13 +1,16 @@
 //! The pipeline: all the way through, from a glTF file to the same file with levels of detail.
 
 mod baked;
+mod bars;
 mod clear;
 mod clock;
 pub(crate) mod context;
 mod export;
+mod gate;
 mod import;
 mod layers;
 mod level;
+mod level_maker;
 mod level_task;
 mod level_texture;
 mod level_whole;
@@ -30,20 +33,18 @@ mod views;
 
 use crate::settings::{BakeSettings, Scope};
 use crate::{Context, Error, ProgressSink, Source, StageId};
-use clear::ClearLayers;
 use import::Imported;
 use layers::SourceLayers;
-use level_task::{LayerShapes, Levels};
-use likeness::SourcePictures;
+use level_maker::{LevelMaker, Made};
 use params::Params;
 use report::Report;
 use runner::Runner;
 use scene::SceneBake;
-use shapes::Shapes;
 use source::{PreparedSource, SourceIndex};
 use views::Views;
 
 pub use baked::Baked;
+pub use bars::{Bars, Miss};
 pub use report::{Likeness, WrongMaterial};
 pub use version::{OPT_LEVEL, PIPELINE_VERSION};
 
@@ -88,24 +89,23 @@ fn bake_whole(source: &Source<'_>, settings: &BakeSettings, context: &Context<'_
     let layers = run.time(StageId::Import, || SourceLayers::divide(&model));
     let index = SourceIndex::new(source, (&model, &layers.solid), &params.views, &run)?;
     let prepared = PreparedSource::new(&index, &params, &run)?;
-    let clear_indices = clear::index_layers(source, (&model, &layers), &params, &run)?;
-    let clear = ClearLayers::find(&clear_indices, (&index, layers.has_solid), &params, &targets, &run)?;
-    let mut views = Views::render(&index, &params, &run)?;
-    let content = run.key(|| store::content_key(source, &model));
-    // Reconstruct and simplify.
-    let shapes = match clear.is_alone {
-        false => shapes::find(&prepared, &mut views, &params, (&targets, clear.solid_budgets(), content), &run)?,
-        true => Shapes::empty(&prepared, &clear, &targets),
+    let clear = clear::index_layers(source, (&model, &layers), &params, &run)?;
+    let mut maker = LevelMaker {
+        source: &prepared,
+        clear: &clear,
+        has_solid: layers.has_solid,
+        views: Views::render(&index, &params, &run)?,
+        pictures: None,
+        content: run.key(|| store::content_key(source, &model)),
+        params: &params,
+        run: &run,
     };
-    let shapes = LayerShapes { solid: &shapes, clear: &clear };
-    preview::show(&prepared, &views, &params, shapes, &run)?;
-    views.complete(shapes.solid.need_half_resolution, &params, &run);
-    // Unwrap, skinning, texture, refine and maps.
-    let (source, pictures) = (&prepared, Some(&SourcePictures::of(&index, &params.views, &run)));
-    let levels = Levels { source, views: &views, params: &params, shapes, pictures, warm_start: false, run: &run };
-    let (levels, reports) = levels.make()?;
+    let mut made = maker.make(&targets)?;
+    gate::raise(&params.gate, &mut maker, &mut made)?;
+    gate::check(&params.gate, source.name, &made)?;
+    let Made { levels, reports, notes } = made;
     let glb = export::export(&model, &levels, &params, &run)?;
     run.finish();
-    let report = Report::baked(&model, reports, shapes.notes(), params.maps.morphs, run.seconds());
+    let report = Report::baked(&model, reports, notes, params.maps.morphs, run.seconds());
     Ok(Baked { glb, levels, model: Some(model), report })
 }

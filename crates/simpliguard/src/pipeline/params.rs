@@ -3,6 +3,7 @@
 
 use serde::Serialize;
 
+use super::bars::GateParams;
 use super::texture_sizes::{LevelView, TextureSizes};
 use crate::data::{Reconstruction, TextureFormat};
 use crate::gltf::ExportParams;
@@ -59,6 +60,8 @@ pub struct Params {
     pub refine: RefinementParams,
     /// Texture set.
     pub maps: MapsParams,
+    /// What is asked of the levels.
+    pub gate: GateParams,
     /// The file.
     pub export: ExportParams,
 }
@@ -114,8 +117,6 @@ pub struct MapsParams {
     pub format: TextureFormat,
     /// Morph targets are transferred.
     pub morphs: bool,
-    /// PSNR in dB below which the report says that a level does not look like its source.
-    pub warn_below: f32,
 }
 
 impl Params {
@@ -148,8 +149,8 @@ impl Params {
                 normal_map: settings.normal_map,
                 format: settings.texture_format,
                 morphs: settings.morph_targets == MorphTargets::Transfer,
-                warn_below: settings.warn_below,
             },
+            gate: GateParams::new(settings),
             export: ExportParams { keep_source: settings.source == SourceGeometry::Keep },
         }
     }
@@ -353,6 +354,10 @@ mod tests {
             ("normal_weight", "0.5"),
             ("step_length", "0.05"),
             ("warn_below", "9"),
+            ("min_psnr", "9"),
+            ("min_silhouette_iou", "0.5"),
+            ("max_deviation", "0.5"),
+            ("on_miss", "fail"),
         ] {
             let mut overrides = crate::settings::BakeOverrides::default();
             overrides.set(name, value).expect(name);

@@ -23,7 +23,8 @@ pub(super) fn show(
         shapes.solid.are_early && params.refine.moves_vertices() && !shapes.solid.levels.iter().all(is_refined);
     let Some(sink) = run.context().preview.filter(|_| is_wanted) else { return Ok(()) };
     let (quick, silent) = (params.unrefined(), run.silent());
-    let levels = Levels { source, views, params: &quick, shapes, pictures: None, warm_start: true, run: &silent };
+    let levels =
+        Levels { source, views, params: &quick, shapes, first: 0, pictures: None, warm_start: true, run: &silent };
     let (levels, _) = levels.make()?;
     sink.show(export::export(source.index.whole, &levels, params, &silent)?);
     Ok(())

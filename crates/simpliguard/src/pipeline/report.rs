@@ -125,7 +125,8 @@ pub struct LevelReport {
     pub refined: Option<Refined>,
     /// How much it looks like the source; `None` in a preview.
     pub likeness: Option<Likeness>,
-    /// What is wrong, in words, if the likeness is below `warn_below`. It is also among the report's notes.
+    /// What is wrong, in words, if the likeness is below `warn_below`, or if the level misses one of its bars. It is also
+    /// among the report's notes.
     pub warning: Option<String>,
 }
 

@@ -30,6 +30,19 @@ choice! {
 }
 
 choice! {
+    /// What happens to a level that misses one of its bars.
+    pub enum OnMiss {
+        /// The report, the log and the overlay say so.
+        #[default]
+        Warn,
+        /// It is made again with more faces.
+        RaiseBudget,
+        /// The bake fails: the model stays as it is.
+        Fail,
+    }
+}
+
+choice! {
     /// The treatment of a file that already has levels of detail.
     pub enum ExistingLods {
         /// The file passes through unchanged.

@@ -4,8 +4,8 @@ use serde::de::{Error as _, MapAccess};
 use serde::{Deserialize, Serialize};
 
 use super::choices::{
-    Candidates, ExistingLods, InitialTexture, JointSplitting, MorphTargets, Quality, Resolution, Scope, SkinTransfer,
-    SourceGeometry, TextureSolver,
+    Candidates, ExistingLods, InitialTexture, JointSplitting, MorphTargets, OnMiss, Quality, Resolution, Scope,
+    SkinTransfer, SourceGeometry, TextureSolver,
 };
 use super::field::{FieldInfo, PerQuality, ValueSeed, always, by_quality, check};
 use super::target::Target;
@@ -279,6 +279,17 @@ settings! {
     /// PSNR in dB, over the pixels that a level or its source touches, below which the report says that the level does not
     /// look like its source, and where. With 0, nothing is said.
     warn_below: f32 = always(12.0), Limit::Between(0.0, 60.0);
+    /// Least PSNR in dB of each level, measured as for `warn_below`. With 0, nothing is asked.
+    min_psnr: f32 = always(0.0), Limit::Between(0.0, 60.0);
+    /// Least intersection over union of the silhouettes of each level and its source. With 0, nothing is asked.
+    min_silhouette_iou: f32 = always(0.0), Limit::Between(0.0, 1.0);
+    /// Largest deviation of each level: the distance that 95 % of both surfaces stay within, as a fraction of the bounding
+    /// box's diagonal. With 1, nothing is asked.
+    max_deviation: f32 = always(1.0), Limit::Between(0.0001, 1.0);
+    /// What happens to a level that misses `min_psnr`, `min_silhouette_iou` or `max_deviation`. `RaiseBudget` makes it again
+    /// with half as many more faces, up to four times its budget and less than the next level has; a level that still
+    /// misses is reported. `Fail` bakes no levels for the model.
+    on_miss: OnMiss = always(OnMiss::Warn), Limit::None;
 }
 
 impl Default for BakeSettings {

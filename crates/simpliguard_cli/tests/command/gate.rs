@@ -1,7 +1,7 @@
 //! The quality gate.
 
 use crate::bake::quick;
-use crate::folder::{Folder, sphere, triangle};
+use crate::folder::{Folder, Run, sphere, triangle};
 
 #[test]
 fn a_level_below_a_bar_is_named_and_its_file_is_written() {
@@ -35,4 +35,53 @@ fn a_model_that_fails_counts_before_the_gate() {
     assert_eq!(run.code, 1, "{}", run.stderr);
     run.says("error: gate: in/ball.glb: LOD1: likeness.psnr is ");
     assert_eq!(quick(&folder, &["in", "--min-psnr", "99"]).code, 2);
+}
+
+/// A bake to 50 and 400 faces with bars in the project's settings, and the notes about it.
+fn with_bars(bars: &str, flags: &[&str]) -> (Run, String) {
+    let project = format!("(rules: [(glob: \"in/*\", settings: {bars})])");
+    let folder = Folder::new().with("in/ball.glb", sphere(32)).with("config/simpliguard.ron", project);
+    let run = quick(&folder, &[&["in", "--json", "--faces", "50,400"], flags].concat());
+    let notes = run.json()["assets"][0]["notes"].to_string();
+    (run, notes)
+}
+
+#[test]
+fn a_level_that_misses_a_bar_of_its_settings_is_told() {
+    let (run, notes) = with_bars("(min_silhouette_iou: 1.0)", &[]);
+    assert_eq!(run.code, 0, "{}", run.stderr);
+    assert!(notes.contains("LOD1: likeness.silhouette_iou is "), "{notes}");
+    assert_eq!(with_bars("(min_silhouette_iou: 1.0)", &["--gate"]).0.code, 3);
+}
+
+#[test]
+fn a_level_that_misses_a_bar_has_its_budget_raised() {
+    let faces = |run: &Run, level: usize| run.json()["assets"][0]["levels"][level]["faces"].as_u64().expect("a count");
+    let (run, notes) = with_bars("(min_psnr: 60.0, on_miss: RaiseBudget)", &[]);
+    assert_eq!(run.code, 0, "{}", run.stderr);
+    assert!(notes.contains("LOD1 missed its bars at 50 faces: it has 200 now, and misses them still"), "{notes}");
+    assert!(notes.contains("LOD2 missed its bars at 400 faces: it has 1600 now, and misses them still"), "{notes}");
+    assert!((100..=200).contains(&faces(&run, 0)) && (800..=1600).contains(&faces(&run, 1)), "{}", run.stdout);
+
+    let (free, _) = with_bars("()", &[]);
+    let deviation = &free.json()["assets"][0]["levels"][0]["deviation"]["percentile_95"];
+    let bar = deviation.as_f64().expect("a deviation") * 0.8;
+    let (run, notes) = with_bars(&format!("(max_deviation: {bar:.6}, on_miss: RaiseBudget)"), &["--gate"]);
+    assert_eq!(run.code, 0, "{}", run.stderr);
+    assert!(
+        notes.contains("LOD1 missed its bars at 50 faces: it has ") && notes.contains(" now, to meet them"),
+        "{notes}"
+    );
+    assert!(!notes.contains("LOD2"), "{notes}");
+    assert_eq!(faces(&run, 1), faces(&free, 1), "the other level is as it was");
+}
+
+#[test]
+fn a_level_that_misses_a_bar_fails_its_model_if_asked() {
+    let (run, _) = with_bars("(min_psnr: 60.0, on_miss: Fail)", &[]);
+    assert_eq!(run.code, 1, "{}", run.stderr);
+    run.says("in/ball.glb: maps: LOD1: likeness.psnr is ");
+    run.says("raise its `faces`, lower the bar, or set `on_miss: Warn`");
+    assert_eq!(run.json()["assets"][0]["status"], "failed");
+    assert_eq!(with_bars("(min_psnr: 1.0, on_miss: Fail)", &[]).0.code, 0);
 }

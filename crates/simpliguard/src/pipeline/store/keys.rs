@@ -305,7 +305,7 @@ mod tests {
         ];
         assert_eq!(
             (PIPELINE_VERSION, keys.map(|key| key.hex()[..16].to_owned())),
-            ("15", ["36912e157264fcf1", "15efc2758cbc652f"].map(str::to_owned))
+            ("16", ["18fce0ba142ad68f", "125723ef45a3d428"].map(str::to_owned))
         );
     }
 }
