@@ -1,6 +1,6 @@
 //! The command line.
 
-use std::num::{NonZeroU16, NonZeroUsize};
+use std::num::{NonZeroU8, NonZeroU16, NonZeroUsize};
 use std::path::PathBuf;
 use std::time::Duration;
 
@@ -28,6 +28,7 @@ pub(crate) enum Command {
     Compare(CompareArgs),
     Report(ReportArgs),
     Farm(FarmArgs),
+    Bench(BenchArgs),
 }
 
 /// Bake levels of detail into models.
@@ -242,6 +243,29 @@ pub(crate) struct CompareArgs {
     /// Also compare frames of the clips that both have.
     #[arg(long)]
     pub(crate) motion: bool,
+    /// Print one JSON document to stdout.
+    #[arg(long)]
+    pub(crate) json: bool,
+}
+
+/// Measure how fast this machine bakes: seconds of each stage, beside plain edge collapse by meshoptimizer in the same run.
+///
+/// No cache is asked. Exit code 0: measured; 2: wrong usage, or a model that cannot be baked.
+#[derive(clap::Args, Debug)]
+pub(crate) struct BenchArgs {
+    /// A .glb or .gltf file; a generated shape if not given.
+    pub(crate) model: Option<PathBuf>,
+    /// Triangles of the generated shape, at most five million.
+    #[arg(long, value_name = "N", default_value = "100000", value_parser = clap::value_parser!(u32).range(18..=5_000_000), conflicts_with = "model")]
+    pub(crate) triangles: u32,
+    #[command(flatten)]
+    pub(crate) settings: SettingsSources,
+    /// Numbers of threads to measure, such as `1,2,4`; all cores if not given.
+    #[arg(long, value_name = "N,N,..", value_delimiter = ',')]
+    pub(crate) threads: Vec<NonZeroUsize>,
+    /// Bakes with each number of threads. The fastest counts.
+    #[arg(long, value_name = "N", default_value = "1")]
+    pub(crate) runs: NonZeroU8,
     /// Print one JSON document to stdout.
     #[arg(long)]
     pub(crate) json: bool,

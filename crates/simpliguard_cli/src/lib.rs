@@ -8,6 +8,7 @@
 
 mod args;
 mod bake;
+mod bench;
 mod boundary;
 mod cache;
 mod compare;
@@ -53,6 +54,7 @@ pub fn run<T: Into<OsString> + Clone>(args: impl IntoIterator<Item = T>) -> Exit
         Command::Compare(args) => compare::run(&args).map(|()| Exit::Done),
         Command::Report(args) => report::run(&args),
         Command::Farm(args) => farm::run(&args),
+        Command::Bench(args) => bench::run(&args).map(|()| Exit::Done),
     };
     let exit = done.unwrap_or_else(|error| {
         console::error(&error.to_string());

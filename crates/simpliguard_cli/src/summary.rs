@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use serde::Serialize;
-use simpliguard::{LevelReport, ObjectReport, Printable, Status};
+use simpliguard::{LevelReport, ObjectReport, PIPELINE_VERSION, Printable, Status};
 use simpliguard_bake::Outcome;
 use simpliguard_cache::{Counters, Durability, write_atomic};
 
@@ -69,11 +69,18 @@ struct Level {
 #[derive(Serialize)]
 struct Document<'a> {
     version: u32,
+    pipeline_version: &'static str,
     /// The reason why nothing was baked at all, or null.
     error: Option<String>,
     /// The counts of the tiers of the cache in this run.
     cache: &'a Counters,
     assets: &'a [JobReport],
+}
+
+impl<'a> Document<'a> {
+    fn new(error: Option<String>, cache: &'a Counters, assets: &'a [JobReport]) -> Self {
+        Self { version: DOCUMENT_VERSION, pipeline_version: PIPELINE_VERSION, error, cache, assets }
+    }
 }
 
 impl JobReport {
@@ -202,7 +209,7 @@ pub(crate) fn print(
     report: Option<&Path>,
 ) -> Result<(), UsageError> {
     let table = table(reports);
-    let document = json_text(&Document { version: DOCUMENT_VERSION, error: None, cache, assets: reports })?;
+    let document = json_text(&Document::new(None, cache, reports))?;
     if let Some(path) = report {
         write_atomic(path, document.as_bytes(), Durability::Process)
             .map_err(|e| UsageError(format!("--report: cannot write {}: {e}; all results are kept", path.display())))?;
@@ -218,7 +225,7 @@ pub(crate) fn print(
 /// Prints the JSON document of a run that was refused before anything was baked.
 pub(crate) fn print_refusal(error: &UsageError) -> Result<(), UsageError> {
     let (error, cache) = (Some(error.to_string()), &Counters::default());
-    write_stdout(&json_text(&Document { version: DOCUMENT_VERSION, error, cache, assets: &[] })?)
+    write_stdout(&json_text(&Document::new(error, cache, &[]))?)
 }
 
 fn table(reports: &[JobReport]) -> String {

@@ -58,6 +58,7 @@ struct Cause {
 /// The report of a task, as `bake --report` writes it.
 #[derive(Deserialize)]
 struct Report {
+    pipeline_version: Option<String>,
     error: Option<String>,
     assets: Vec<ReportedModel>,
 }
@@ -175,9 +176,21 @@ fn cause(manifest: &Manifest, reports: &[Option<Report>], place: usize) -> (bool
     let nth = manifest.tasks[task - 1].models.iter().position(|model| *model == place);
     match nth.and_then(|nth| report.assets.get(nth)) {
         Some(ReportedModel { error: Some(error), input, .. }) => (true, without_name(error, input)),
-        Some(reported) if reported.key != model.key => (false, CHANGED.to_owned()),
+        Some(reported) if reported.key != model.key => (false, other_key(manifest, report)),
         Some(_) => (false, NOT_SHARED.to_owned()),
         None => (false, NO_REPORT.to_owned()),
+    }
+}
+
+/// The reason why a worker has baked a model under another key than that of the plan.
+fn other_key(manifest: &Manifest, report: &Report) -> String {
+    let (planned, baked) = (&manifest.pipeline_version, report.pipeline_version.as_ref());
+    match baked.filter(|baked| *baked != planned) {
+        Some(baked) => format!(
+            "a worker with version {baked} of the pipeline has baked it, and the plan is for version {planned}: install one \
+             version of simpliguard on all machines, and plan again"
+        ),
+        None => CHANGED.to_owned(),
     }
 }
 

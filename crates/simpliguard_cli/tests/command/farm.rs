@@ -120,6 +120,22 @@ fn failures_are_reported_by_their_causes() {
     assert!(document["causes"][1]["cause"].as_str().is_some_and(|cause| cause.contains("changed after the plan")));
 }
 
+#[test]
+fn a_worker_of_another_version_is_named() {
+    let folder = library();
+    assert_eq!(plan(&folder, &["assets"]).code, 0);
+    // What a worker of another version leaves: a report with keys of its own, and nothing under those of the plan.
+    let own =
+        folder.run(&["bake", "assets", "--json", "--faces", "60"].iter().chain(&QUICK).copied().collect::<Vec<_>>());
+    let mut report = own.json();
+    report["pipeline_version"] = "1".into();
+    fs::write(folder.path("bundle/reports/1.json"), report.to_string()).expect("writes");
+    let run = folder.run(&["farm", "status", "--bundle", "bundle", "--json"]);
+    assert_eq!((run.code, &run.json()["open"]), (1, &3.into()), "{}", run.stderr);
+    let cause = run.json()["causes"][0]["cause"].to_string();
+    assert!(cause.contains("version 1 of the pipeline") && cause.contains("plan again"), "{cause}");
+}
+
 #[cfg(unix)]
 #[test]
 fn a_task_of_slurm_bakes_its_models() {

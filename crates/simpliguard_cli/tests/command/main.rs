@@ -1,6 +1,7 @@
 //! The command as its users run it.
 
 mod bake;
+mod bench;
 mod cache;
 mod compare;
 mod farm;
