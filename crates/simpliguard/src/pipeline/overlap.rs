@@ -26,7 +26,7 @@ const SIZE: usize = 256;
 /// Number of those buffers.
 const DIRECTIONS: usize = 14;
 /// Triangles between two looks at the cancellation.
-const AT_ONCE: usize = 4096;
+const AT_ONCE: usize = 256;
 
 /// Drops triangles that lie on others, with a note for the report. Changes no model within the limits.
 ///
@@ -41,6 +41,7 @@ pub(super) fn thin(model: &mut Model, run: &Runner<'_>) -> Result<(), Error> {
             .notes
             .push(format!("{dropped} faces that coincide with {STACK} others or more are left out of the levels"));
     }
+    run.check()?;
     let coverage = Coverage::of(&model.surface);
     if coverage.ratio() > MOST_COVERAGE {
         let pixels = visible_pixels(model, run.cancellation());

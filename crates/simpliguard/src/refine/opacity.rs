@@ -29,7 +29,7 @@ const PARTS: usize = 4;
 /// Makes texels of a cut-out clear or opaque, as the pixels that show them want it. Ends early if cancelled.
 pub(super) fn fit_opacity(low: &mut LowPoly, views: &CoveredViews<'_>, cancellation: &Cancellation) {
     for _ in 0..ROUNDS {
-        let votes = votes(low, views);
+        let votes = votes(low, views, cancellation);
         if cancellation.is_cancelled() || !change(&mut low.texture, &votes) {
             return;
         }
@@ -52,21 +52,21 @@ fn change(texture: &mut TexelGrid, votes: &[f32]) -> bool {
     changed
 }
 
-/// Votes on each texel: positive if it should be opaque.
-fn votes(low: &LowPoly, views: &CoveredViews<'_>) -> Vec<f32> {
+/// Votes on each texel: positive if it should be opaque. Those of some views if cancelled.
+fn votes(low: &LowPoly, views: &CoveredViews<'_>, cancellation: &Cancellation) -> Vec<f32> {
     let all: Vec<(&View, Rect)> = views.views.iter().copied().zip(views.rects.iter().copied()).collect();
     let part = all.len().div_ceil(PARTS).max(1);
-    let parts: Vec<Vec<f32>> = all.par_chunks(part).map(|views| votes_of(low, views)).collect();
+    let parts: Vec<Vec<f32>> = all.par_chunks(part).map(|views| votes_of(low, views, cancellation)).collect();
     let mut votes = vec![0.0; low.texture.opacity.len()];
     parts.iter().for_each(|part| votes.iter_mut().zip(part).for_each(|(sum, n)| *sum += n));
     votes
 }
 
-fn votes_of(low: &LowPoly, views: &[(&View, Rect)]) -> Vec<f32> {
+fn votes_of(low: &LowPoly, views: &[(&View, Rect)], cancellation: &Cancellation) -> Vec<f32> {
     let mut votes = vec![0.0; low.texture.opacity.len()];
     let Some((first, _)) = views.first() else { return votes };
     let mut layers = Layers::new(first.image.size);
-    for (view, rect) in views {
+    for (view, rect) in views.iter().take_while(|_| !cancellation.is_cancelled()) {
         layers.rasterise(low, view, *rect);
         layers.vote(low, view, &mut votes);
     }

@@ -44,7 +44,9 @@ pub(super) fn clean(asset: Asset<'_>, surface: &mut Surface) -> Result<Dropped, 
         dropped.degenerate += usize::from(degenerate);
         keep.push(near && !degenerate);
     }
-    dropped.duplicate = mark_duplicates(surface, &mut keep);
+    asset.check()?;
+    dropped.duplicate = mark_duplicates(asset, surface, &mut keep)?;
+    asset.check()?;
     retain(surface, &keep);
     dropped.check(asset, faces)?;
     Ok(dropped)
@@ -88,11 +90,12 @@ fn has_no_area(u: Vec3, v: Vec3, tiny: bool) -> bool {
 }
 
 /// Clears `keep` for every face that repeats an earlier one; returns their number.
-fn mark_duplicates(surface: &Surface, keep: &mut [bool]) -> usize {
+fn mark_duplicates(asset: Asset<'_>, surface: &Surface, keep: &mut [bool]) -> Result<usize, Error> {
     let welded = first_equal(surface.positions.len(), |vertex| {
         let bones = surface.influences.get(vertex).map(bone_bits);
         (position_bits(surface.positions[vertex]), bones)
     });
+    asset.check()?;
     let first = first_equal(surface.triangles.len(), |face| {
         let corners = surface.triangles[face].map(|vertex| welded[vertex as usize]);
         (from_lowest(corners), surface.material[face], !keep[face])
@@ -104,7 +107,7 @@ fn mark_duplicates(surface: &Surface, keep: &mut [bool]) -> usize {
             duplicates += 1;
         }
     }
-    duplicates
+    Ok(duplicates)
 }
 
 fn bone_bits(influences: &Influences) -> ([u16; 4], [u32; 4]) {

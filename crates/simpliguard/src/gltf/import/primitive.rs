@@ -43,6 +43,7 @@ pub(super) fn read(
     let attributes = Attributes { reader, primitive, weights, used: &used };
     let positions: Vec<Vec3> = attributes.morphed("POSITION")?.unwrap_or_default();
     let normals: Option<Vec<Vec3>> = attributes.morphed("NORMAL")?;
+    reader.asset.check()?;
     let mesh = PrimitiveMesh {
         normals: completed_normals(normals, &positions, &triangles),
         positions,
@@ -54,6 +55,7 @@ pub(super) fn read(
         displacements: if with_displacements { attributes.displacements()? } else { Vec::new() },
         triangles,
     };
+    reader.asset.check()?;
     Ok(if primitive.indices.is_none() { mesh.with_merged_vertices() } else { mesh })
 }
 
