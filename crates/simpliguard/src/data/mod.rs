@@ -41,5 +41,6 @@ pub use morphs::{MorphTarget, Morphs};
 pub use node_pattern::NodePattern;
 pub use rig::{Bone, Influences, Pose, Rig};
 pub use srgb::{linear_to_srgb, srgb_to_linear};
+pub(crate) use surface::gather;
 pub use surface::{SMALLEST_EXTENT, Surface};
 pub use texture::{Texture, Wrap};

@@ -58,21 +58,21 @@ impl Surface {
         let mut new_index = vec![UNUSED; self.positions.len()];
         let corners = |&t: &u32| self.triangles[t as usize];
         triangles.iter().flat_map(corners).for_each(|v| new_index[v as usize] = 0);
-        let kept: Vec<usize> = (0..new_index.len()).filter(|&v| new_index[v] != UNUSED).collect();
-        kept.iter().zip(0..).for_each(|(&v, new)| new_index[v] = new);
+        let kept: Vec<u32> = (0..new_index.len() as u32).filter(|&v| new_index[v as usize] != UNUSED).collect();
+        kept.iter().zip(0..).for_each(|(&v, new)| new_index[v as usize] = new);
         let target = |target: &MorphTarget| {
             let moved = target.displacements.iter().filter(|(v, _)| new_index[*v as usize] != UNUSED);
             let displacements = moved.map(|&(v, offset)| (new_index[v as usize], offset)).collect();
             MorphTarget { displacements, ..target.clone() }
         };
         Self {
-            positions: of(&self.positions, &kept),
-            normals: of(&self.normals, &kept),
-            tangents: of(&self.tangents, &kept),
-            uvs: [of(&self.uvs[0], &kept), of(&self.uvs[1], &kept)],
-            colors: of(&self.colors, &kept),
-            painted: of(&self.painted, &kept),
-            influences: of(&self.influences, &kept),
+            positions: gather(&self.positions, &kept),
+            normals: gather(&self.normals, &kept),
+            tangents: gather(&self.tangents, &kept),
+            uvs: [gather(&self.uvs[0], &kept), gather(&self.uvs[1], &kept)],
+            colors: gather(&self.colors, &kept),
+            painted: gather(&self.painted, &kept),
+            influences: gather(&self.influences, &kept),
             triangles: triangles.iter().map(|t| corners(t).map(|v| new_index[v as usize])).collect(),
             material: triangles.iter().map(|&t| self.material[t as usize]).collect(),
             morphs: self
@@ -84,8 +84,8 @@ impl Surface {
 }
 
 /// The elements of a per-vertex array with the indices `kept`; an empty array stays empty.
-fn of<T: Copy>(all: &[T], kept: &[usize]) -> Vec<T> {
-    if all.is_empty() { Vec::new() } else { kept.iter().map(|&v| all[v]).collect() }
+pub(crate) fn gather<T: Copy>(all: &[T], kept: &[u32]) -> Vec<T> {
+    if all.is_empty() { Vec::new() } else { kept.iter().map(|&v| all[v as usize]).collect() }
 }
 
 #[cfg(test)]

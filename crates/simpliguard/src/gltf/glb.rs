@@ -1,20 +1,19 @@
 //! The layout of binary glTF 2.0: a header of 12 bytes, then chunks of a length, a kind and data.
 
-use serde::Serialize;
 use serde_json::Value;
 
 /// The first four bytes of the file.
 pub(super) const MAGIC: &[u8; 4] = b"glTF";
 /// The version in the header.
-pub(super) const VERSION: u32 = 2;
+const VERSION: u32 = 2;
 /// Magic, version and length of the file.
-pub(super) const HEADER_BYTES: usize = 12;
+const HEADER_BYTES: usize = 12;
 /// Length and kind of a chunk.
-pub(super) const CHUNK_HEADER_BYTES: usize = 8;
+const CHUNK_HEADER_BYTES: usize = 8;
 /// Kind of the first chunk.
-pub(super) const JSON_CHUNK: u32 = u32::from_le_bytes(*b"JSON");
+const JSON_CHUNK: u32 = u32::from_le_bytes(*b"JSON");
 /// Kind of the chunk with the data of buffer 0.
-pub(super) const BIN_CHUNK: u32 = u32::from_le_bytes(*b"BIN\0");
+const BIN_CHUNK: u32 = u32::from_le_bytes(*b"BIN\0");
 
 /// Byte order mark that some writers put in front of JSON.
 pub(super) const UTF8_BOM: &[u8] = b"\xEF\xBB\xBF";
@@ -88,27 +87,41 @@ fn split_binary(bytes: &[u8]) -> Result<Chunks<'_>, Fault> {
     Ok(Chunks { json, bin })
 }
 
-/// The start of a binary glTF of `total` bytes. The chunks follow: [`push_chunk`].
-pub(super) fn header(total: u32) -> Vec<u8> {
-    let mut out = Vec::with_capacity(total as usize);
+/// Size in bytes of the largest binary glTF: its length field has 32 bits.
+pub(super) const MAX_BYTES: u64 = u32::MAX as u64;
+
+/// The binary glTF of a document and the data of its buffer, which may be empty.
+///
+/// # Errors
+/// The number of bytes that it would have, if that is 4 GiB or more.
+pub fn binary(json: &Value, buffer: &[u8]) -> Result<Vec<u8>, u64> {
+    let text = json.to_string();
+    let chunks = [(JSON_CHUNK, text.as_bytes(), b' '), (BIN_CHUNK, buffer, 0)];
+    let chunks = &chunks[..1 + usize::from(!buffer.is_empty())];
+    let bytes = chunks.iter().map(|(_, data, _)| CHUNK_HEADER_BYTES + data.len().next_multiple_of(4)).sum();
+    let mut out = header(bytes)?;
+    chunks.iter().for_each(|(kind, data, padding)| push_chunk(&mut out, *kind, data, *padding));
+    Ok(out)
+}
+
+/// The start of a binary glTF with this many bytes of chunks. They follow: [`push_chunk`].
+fn header(chunks: usize) -> Result<Vec<u8>, u64> {
+    let total = (HEADER_BYTES + chunks) as u64;
+    let length = u32::try_from(total).map_err(|_| total)?;
+    let mut out = Vec::with_capacity(length as usize);
     out.extend(MAGIC);
     out.extend(VERSION.to_le_bytes());
-    out.extend(total.to_le_bytes());
-    out
+    out.extend(length.to_le_bytes());
+    Ok(out)
 }
 
-/// Appends a chunk. Its data is padded to whole words.
-pub(super) fn push_chunk(out: &mut Vec<u8>, kind: u32, data: &[u8]) {
-    out.extend((data.len() as u32).to_le_bytes());
+/// Appends a chunk, padded to whole words.
+fn push_chunk(out: &mut Vec<u8>, kind: u32, data: &[u8], padding: u8) {
+    let size = data.len().next_multiple_of(4);
+    out.extend((size as u32).to_le_bytes());
     out.extend(kind.to_le_bytes());
     out.extend(data);
-}
-
-/// JSON text, padded to whole words.
-pub(super) fn padded_json(json: &impl Serialize) -> serde_json::Result<Vec<u8>> {
-    let mut text = serde_json::to_vec(json)?;
-    text.resize(text.len().next_multiple_of(4), b' ');
-    Ok(text)
+    out.resize(out.len() + size - data.len(), padding);
 }
 
 /// A binary glTF with another JSON. The bytes behind its JSON stay as they are. `None` if it is no binary glTF.
@@ -116,9 +129,9 @@ pub fn with_json(file: &[u8], json: &Value) -> Option<Vec<u8>> {
     let kind = u32_at(file, HEADER_BYTES + 4).filter(|kind| *kind == JSON_CHUNK)?;
     let size = u32_at(file, HEADER_BYTES)? as usize;
     let rest = file.get((HEADER_BYTES + CHUNK_HEADER_BYTES).checked_add(size)?..)?;
-    let text = padded_json(json).ok()?;
-    let mut out = header(u32::try_from(HEADER_BYTES + CHUNK_HEADER_BYTES + text.len() + rest.len()).ok()?);
-    push_chunk(&mut out, kind, &text);
+    let text = json.to_string();
+    let mut out = header(CHUNK_HEADER_BYTES + text.len().next_multiple_of(4) + rest.len()).ok()?;
+    push_chunk(&mut out, kind, text.as_bytes(), b' ');
     out.extend(rest);
     Some(out)
 }
@@ -139,6 +152,17 @@ mod tests {
     use serde_json::json;
 
     use super::*;
+
+    #[test]
+    fn a_document_and_its_buffer_are_padded_to_whole_words() {
+        let file = binary(&json!({"scene": 3}), &[1, 2, 3]).expect("a small file");
+        let json = &file[HEADER_BYTES + CHUNK_HEADER_BYTES..][..12];
+        assert_eq!((file.len(), json), (12 + 8 + 12 + 8 + 4, &b"{\"scene\":3} "[..]));
+        assert_eq!(&file[file.len() - 4..], [1, 2, 3, 0]);
+        let chunks = split(&file).expect("a binary glTF");
+        assert_eq!(chunks, Chunks { json, bin: Some(&[1, 2, 3, 0]) });
+        assert_eq!(binary(&json!({}), &[]).expect("a small file").len(), 12 + 8 + 4);
+    }
 
     #[test]
     fn only_the_json_of_a_file_is_replaced() {

@@ -68,9 +68,7 @@ impl LevelMaker<'_> {
             true => Shapes::empty(source, &clear, targets),
         };
         let shapes = LayerShapes { solid: &shapes, clear: &clear };
-        if first == 0 {
-            preview::show(source, &self.views, params, shapes, run)?;
-        }
+        preview::show(source, &self.views, params, shapes, run)?;
         self.views.complete(shapes.solid.need_half_resolution, params, run);
         let (index, views) = (source.index, &params.views);
         let pictures = Some(&*self.pictures.get_or_insert_with(|| SourcePictures::of(index, views, self.run)));

@@ -21,7 +21,7 @@ pub(super) fn show(
     let is_refined = |(budget, _): &(u32, _)| is_refined(shapes.solid.key, params, *budget, run);
     let is_wanted =
         shapes.solid.are_early && params.refine.moves_vertices() && !shapes.solid.levels.iter().all(is_refined);
-    let Some(sink) = run.context().preview.filter(|_| is_wanted) else { return Ok(()) };
+    let Some(sink) = run.preview().filter(|_| is_wanted) else { return Ok(()) };
     let (quick, silent) = (params.unrefined(), run.silent());
     let levels =
         Levels { source, views, params: &quick, shapes, first: 0, pictures: None, warm_start: true, run: &silent };

@@ -7,7 +7,7 @@ use super::context::Context;
 use super::meter::Meter;
 use super::report::StageSeconds;
 use super::store::{Stored, decode, encode};
-use crate::{Cancellation, Error, Key, StageId, StageStore};
+use crate::{Cancellation, Error, Key, PreviewSink, StageId, StageStore};
 
 /// The runner of one bake, or of one of its levels.
 #[derive(Clone)]
@@ -17,6 +17,8 @@ pub(crate) struct Runner<'a> {
     clock: Arc<Clock>,
     /// `None` if nobody listens.
     meter: Option<Arc<Meter<'a>>>,
+    /// Shown early levels, if it wants any.
+    preview: Option<&'a dyn PreviewSink>,
     /// Number of the level, counted from 1.
     level: Option<usize>,
     /// Results are read from the store and put into it, if there is one.
@@ -26,7 +28,7 @@ pub(crate) struct Runner<'a> {
 impl<'a> Runner<'a> {
     pub(crate) fn new(asset: &'a str, context: &'a Context<'a>) -> Self {
         let meter = context.progress.map(|sink| Arc::new(Meter::new(sink)));
-        Self { asset, context, clock: Arc::default(), meter, level: None, uses_store: true }
+        Self { asset, context, clock: Arc::default(), meter, preview: context.preview, level: None, uses_store: true }
     }
 
     /// The runner of a level; levels count from 1.
@@ -34,9 +36,9 @@ impl<'a> Runner<'a> {
         Self { level: Some(number), ..self.clone() }
     }
 
-    /// A runner that reports no progress.
+    /// A runner that reports no progress and shows no preview.
     pub(crate) fn silent(&self) -> Self {
-        Self { meter: None, ..self.clone() }
+        Self { meter: None, preview: None, ..self.clone() }
     }
 
     /// A runner for results that nobody needs later: it neither stores nor reports progress.
@@ -56,6 +58,11 @@ impl<'a> Runner<'a> {
     /// Reports that everything is done.
     pub(crate) fn finish(&self) {
         self.meter.iter().for_each(|meter| meter.finish());
+    }
+
+    /// Takes levels that can be shown early.
+    pub(crate) fn preview(&self) -> Option<&'a dyn PreviewSink> {
+        self.preview
     }
 
     pub(crate) fn context(&self) -> &'a Context<'a> {

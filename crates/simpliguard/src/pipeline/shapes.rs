@@ -61,7 +61,7 @@ pub(super) fn find(
     let key = content.map(|content| shapes_key(&content, &simplify, params));
     let form = run.key(|| form_key(source));
     let finder = ShapeFinder { source, views: views.scored(), params: &simplify, run, form };
-    let are_early = run.context().preview.is_some() && finder.knows_first();
+    let are_early = run.preview().is_some() && finder.knows_first();
     let need_half_resolution = params.refine.has_half_resolution_steps()
         && targets.budgets().iter().any(|&n| LevelParams::is_half_resolution(n) && !is_refined(key, params, n, run));
     // The shapes leave threads idle.

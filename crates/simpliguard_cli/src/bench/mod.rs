@@ -4,12 +4,12 @@
 mod torus;
 
 use std::hint::black_box;
-use std::num::NonZeroUsize;
+use std::num::{NonZeroU8, NonZeroUsize};
 use std::path::Path;
 use std::time::Instant;
 
 use meshopt::{SimplifyOptions, VertexDataAdapter};
-use rayon::ThreadPoolBuilder;
+use rayon::{ThreadPool, ThreadPoolBuilder};
 use serde::Serialize;
 use simpliguard::data::Surface;
 use simpliguard::gltf::{ImportLimits, import};
@@ -71,7 +71,7 @@ fn bench_file(path: &Path, args: &BenchArgs) -> Result<Document, UsageError> {
 
 fn bench_torus(args: &BenchArgs) -> Result<Document, UsageError> {
     let resolved = resolve(args.settings.layers()?)?;
-    let bytes = torus::torus(args.triangles);
+    let bytes = torus::torus(args.triangles)?;
     bench(&Source { name: "a bumpy torus", bytes: &bytes, resources: &NoResources }, &resolved.settings, args)
 }
 
@@ -83,7 +83,7 @@ fn bench(source: &Source<'_>, settings: &BakeSettings, args: &BenchArgs) -> Resu
     let mut runs = Vec::new();
     for threads in threads {
         console::line(&format!("baking {} with {threads} threads", Printable(source.name)));
-        runs.push(fastest((source, settings), &surface, threads, args.runs.get())?);
+        runs.push(fastest((source, settings), &surface, threads, args.runs)?);
     }
     Ok(Document {
         version: DOCUMENT_VERSION,
@@ -106,28 +106,39 @@ fn processor() -> String {
 
 /// The fastest of some bakes.
 fn fastest(
-    (source, settings): (&Source<'_>, &BakeSettings),
+    source: (&Source<'_>, &BakeSettings),
     surface: &Surface,
     threads: usize,
-    count: u8,
+    count: NonZeroU8,
 ) -> Result<Run, UsageError> {
     let pool = ThreadPoolBuilder::new().num_threads(threads).build();
     let pool = pool.map_err(|e| UsageError(format!("--threads {threads}: cannot start them: {e}")))?;
-    let mut best: Option<Run> = None;
-    for _ in 0..count {
-        let (start, context) = (Instant::now(), Context::default());
-        let report = pool.install(|| bake(source, settings, &context))?.report;
-        let seconds = start.elapsed().as_secs_f64();
-        let budgets: Vec<usize> = report.levels.iter().map(|level| level.budget as usize).collect();
-        if budgets.is_empty() {
-            return Err(UsageError(format!("{}: no level is baked for it: {}", source.name, report.notes.join("; "))));
-        }
-        let meshopt = seconds_of_meshopt(surface, &budgets)?;
-        if best.as_ref().is_none_or(|best| seconds < best.seconds) {
-            best = Some(Run { threads, seconds, stages: report.seconds, meshopt, ratio: seconds / meshopt });
+    let mut best = measure(source, surface, &pool)?;
+    for _ in 1..count.get() {
+        let next = measure(source, surface, &pool)?;
+        if next.seconds < best.seconds {
+            best = next;
         }
     }
-    best.ok_or_else(|| UsageError("--runs: it must be at least 1".to_owned()))
+    Ok(best)
+}
+
+/// Bakes once, and simplifies to the same numbers of triangles by meshoptimizer.
+fn measure(
+    (source, settings): (&Source<'_>, &BakeSettings),
+    surface: &Surface,
+    pool: &ThreadPool,
+) -> Result<Run, UsageError> {
+    let (start, context) = (Instant::now(), Context::default());
+    let report = pool.install(|| bake(source, settings, &context))?.report;
+    let seconds = start.elapsed().as_secs_f64();
+    let budgets: Vec<usize> = report.levels.iter().map(|level| level.budget as usize).collect();
+    if budgets.is_empty() {
+        return Err(UsageError(format!("{}: no level is baked for it: {}", source.name, report.notes.join("; "))));
+    }
+    let meshopt = seconds_of_meshopt(surface, &budgets)?;
+    let threads = pool.current_num_threads();
+    Ok(Run { threads, seconds, stages: report.seconds, meshopt, ratio: seconds / meshopt })
 }
 
 /// Seconds of meshoptimizer's edge collapse of the same surface to the same numbers of triangles.

@@ -1,10 +1,13 @@
 //! The model that is baked where the user names none.
 
 use serde_json::json;
+use simpliguard::gltf::binary;
+
+use crate::error::UsageError;
 
 /// A torus with bumps and stripes, as a binary glTF of at least `triangles` triangles: curved in both directions, with a hole,
 /// and with colours to fit.
-pub(super) fn torus(triangles: u32) -> Vec<u8> {
+pub(super) fn torus(triangles: u32) -> Result<Vec<u8>, UsageError> {
     // Vertices along each of the two circles.
     let samples = triangles.div_ceil(2).isqrt().max(3) + 1;
     let [positions, colors] = vertices(samples);
@@ -31,7 +34,8 @@ pub(super) fn torus(triangles: u32) -> Vec<u8> {
             {"bufferView": 2, "componentType": 5125, "type": "SCALAR", "count": 6 * count},
         ],
     });
-    binary(json.to_string().into_bytes(), parts.concat())
+    binary(&json, &parts.concat())
+        .map_err(|bytes| UsageError(format!("--triangles: the model would have {bytes} bytes, 4 GiB or more")))
 }
 
 /// Positions and linear colours.
@@ -45,13 +49,4 @@ fn vertices(samples: u32) -> [Vec<f32>; 2] {
         colors.extend([5.0, 7.0, 9.0].map(|stripes| 0.5 + 0.4 * libm::sinf(stripes * u) * libm::cosf(4.0 * v)));
     }
     [positions, colors]
-}
-
-/// The container around a document and its buffer, whose length is a multiple of four.
-fn binary(mut json: Vec<u8>, buffer: Vec<u8>) -> Vec<u8> {
-    json.resize(json.len().next_multiple_of(4), b' ');
-    let word = |value: usize| (value as u32).to_le_bytes();
-    let length = 12 + 8 + json.len() + 8 + buffer.len();
-    let head = [*b"glTF", word(2), word(length), word(json.len()), *b"JSON"].concat();
-    [head, json, [word(buffer.len()), *b"BIN\0"].concat(), buffer].concat()
 }

@@ -3,11 +3,8 @@
 use serde_json::{Map, Value, json};
 
 use super::fault::fault;
-use crate::gltf::glb::{self, BIN_CHUNK, CHUNK_HEADER_BYTES, Chunks, HEADER_BYTES, JSON_CHUNK};
+use crate::gltf::glb::{self, Chunks, MAX_BYTES};
 use crate::{Error, StageId};
-
-/// Size of the largest binary glTF: its length field has 32 bits.
-const MAX_BYTES: u64 = u32::MAX as u64;
 
 /// The use of a buffer view on the GPU.
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -171,26 +168,13 @@ impl Builder {
             self.json.insert("buffers".into(), json!([{ "byteLength": self.bin.len() }]));
         }
         self.json.retain(|_, value| !matches!(value, Value::Array(all) if all.is_empty()));
-        let json =
-            glb::padded_json(&self.json).map_err(|e| fault(&self.asset, format!("the JSON cannot be written: {e}")))?;
-        self.bin.resize(self.bin.len().next_multiple_of(4), 0);
-        let mut chunks = vec![(JSON_CHUNK, json)];
-        if !self.bin.is_empty() {
-            chunks.push((BIN_CHUNK, self.bin));
-        }
-        let total = HEADER_BYTES + chunks.iter().map(|(_, data)| CHUNK_HEADER_BYTES + data.len()).sum::<usize>();
-        if total as u64 > MAX_BYTES {
-            return Err(Error::Limit {
-                asset: self.asset,
-                stage: StageId::Export,
-                what: "size of the binary glTF in bytes".into(),
-                found: total as u64,
-                limit: MAX_BYTES,
-            });
-        }
-        let mut out = glb::header(total as u32);
-        chunks.iter().for_each(|(kind, data)| glb::push_chunk(&mut out, *kind, data));
-        Ok(out)
+        glb::binary(&Value::Object(self.json), &self.bin).map_err(|found| Error::Limit {
+            asset: self.asset,
+            stage: StageId::Export,
+            what: "size of the binary glTF in bytes".into(),
+            found,
+            limit: MAX_BYTES,
+        })
     }
 }
 

@@ -2,7 +2,7 @@
 
 use glam::{Vec2, Vec3, Vec4};
 
-use crate::data::Influences;
+use crate::data::{Influences, gather};
 use crate::geometry::first_equal;
 
 /// Triangles and their vertices. Attributes that are present have the length of `positions`.
@@ -33,14 +33,14 @@ impl PrimitiveMesh {
         triangles.iter_mut().flatten().for_each(|vertex| *vertex = first[*vertex as usize]);
         let kept = renumber(&mut triangles, self.positions.len());
         Self {
-            positions: of(&self.positions, &kept),
-            normals: of(&self.normals, &kept),
-            tangents: self.tangents.map(|all| of(&all, &kept)),
-            uvs: self.uvs.map(|uvs| uvs.map(|all| of(&all, &kept))),
-            colors: self.colors.map(|all| of(&all, &kept)),
-            painted: self.painted.map(|all| of(&all, &kept)),
-            influences: self.influences.map(|all| of(&all, &kept)),
-            displacements: self.displacements.into_iter().map(|all| of(&all, &kept)).collect(),
+            positions: gather(&self.positions, &kept),
+            normals: gather(&self.normals, &kept),
+            tangents: self.tangents.map(|all| gather(&all, &kept)),
+            uvs: self.uvs.map(|uvs| uvs.map(|all| gather(&all, &kept))),
+            colors: self.colors.map(|all| gather(&all, &kept)),
+            painted: self.painted.map(|all| gather(&all, &kept)),
+            influences: self.influences.map(|all| gather(&all, &kept)),
+            displacements: self.displacements.into_iter().map(|all| gather(&all, &kept)).collect(),
             triangles,
         }
     }
@@ -92,11 +92,6 @@ fn push_attributes(words: &mut Vec<u32>, mesh: &PrimitiveMesh, vertex: usize) {
         words.extend(weights.map(f32::to_bits));
         words.extend(joints.map(u32::from));
     }
-}
-
-/// The elements with the indices `kept`; an empty list stays empty.
-fn of<T: Copy>(all: &[T], kept: &[u32]) -> Vec<T> {
-    if all.is_empty() { Vec::new() } else { kept.iter().map(|&vertex| all[vertex as usize]).collect() }
 }
 
 #[cfg(test)]

@@ -2,6 +2,7 @@
 
 use super::queue::{Precision, Queue};
 use super::simplifier::{Face, NO_CORNER, Simplifier};
+use crate::data::gather;
 
 /// The new number of what is gone.
 const GONE: u32 = u32::MAX;
@@ -30,13 +31,13 @@ impl Simplifier {
                 link = &mut kept[f as usize].next[k];
             }
         }
-        self.positions = of(&self.positions, &vertices);
-        self.planes = of(&self.planes, &vertices);
-        self.attributes = of(&self.attributes, &vertices);
-        self.mass = of(&self.mass, &vertices);
-        self.boundary = of(&self.boundary, &vertices);
-        self.stamps = of(&self.stamps, &vertices);
-        self.marks = of(&self.marks, &vertices);
+        self.positions = gather(&self.positions, &vertices);
+        self.planes = gather(&self.planes, &vertices);
+        self.attributes = gather(&self.attributes, &vertices);
+        self.mass = gather(&self.mass, &vertices);
+        self.boundary = gather(&self.boundary, &vertices);
+        self.stamps = gather(&self.stamps, &vertices);
+        self.marks = gather(&self.marks, &vertices);
         (self.faces, self.first) = (kept, first);
         // The collapse to the next budget fills it anew.
         self.queue = Queue::new(Precision::Coarse);
@@ -48,9 +49,4 @@ fn inverse(kept: &[u32], count: usize) -> Vec<u32> {
     let mut out = vec![GONE; count];
     kept.iter().zip(0..).for_each(|(&old, new)| out[old as usize] = new);
     out
-}
-
-/// The elements with the indices `kept`; an empty list stays empty.
-fn of<T: Copy>(all: &[T], kept: &[u32]) -> Vec<T> {
-    if all.is_empty() { Vec::new() } else { kept.iter().map(|&i| all[i as usize]).collect() }
 }

@@ -5,6 +5,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use serde_json::{Map, Value, json};
 use simpliguard::data::Document;
+use simpliguard::gltf::binary;
 
 use super::arrays::Array;
 use super::decimate::{compact, decimate};
@@ -188,16 +189,6 @@ impl<'a> Writer<'a> {
         json["buffers"] = json!([{"byteLength": self.binary.len()}]);
         // A glTF may not have an empty list.
         json.as_object_mut()?.retain(|_, value| value.as_array().is_none_or(|list| !list.is_empty()));
-        let mut text = serde_json::to_vec(&json).ok()?;
-        text.resize(text.len().next_multiple_of(4), b' ');
-        let total = u32::try_from(12 + 8 + text.len() + 8 + self.binary.len()).ok()?;
-        let mut glb = b"glTF\x02\0\0\0".to_vec();
-        glb.extend(total.to_le_bytes());
-        for (kind, chunk) in [(b"JSON", &text), (b"BIN\0", &self.binary)] {
-            glb.extend((chunk.len() as u32).to_le_bytes());
-            glb.extend(kind);
-            glb.extend(chunk);
-        }
-        Some(glb)
+        binary(&json, &self.binary).ok()
     }
 }
