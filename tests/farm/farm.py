@@ -126,15 +126,33 @@ def outage(case, server, number):
 
 
 def slow(case, server, number):
-    """A shared cache with two seconds a request delays a run and fails nothing."""
-    first, second = (Checkout(case, name, 2) for name in ("first", "second"))
+    """A shared cache with two seconds a request fails nothing, and what takes longer to bake is found there."""
+    first, second = (Checkout(case, name, 0) for name in ("first", "second"))
+    for checkout in (first, second):
+        (checkout.folder / "assets").mkdir(parents=True)
+        (checkout.folder / "assets" / "large.glb").write_bytes(models.sphere(130, 3))
     server.delay = 2.0
-    code, document, errors, seconds = first.bake(server=server)
-    assert code == 0 and statuses(document) == {"baked": 2} and "warning" not in errors, errors
-    code, document, errors, hit = second.bake(server=server)
+    code, document, errors, baked = first.run("bake", "assets", "--json", server=server)
+    assert code == 0 and statuses(document) == {"baked": 1} and "warning" not in errors, errors
+    assert document["cache"]["shared"]["stored"] == 1, document["cache"]
+    code, document, errors, hit = second.run("bake", "assets", "--json", server=server)
     server.delay = 0.0
-    assert code == 0 and statuses(document) == {"hit": 2} and "warning" not in errors, errors
-    print(f"  two seconds a request: 2 models baked in {seconds:.1f} s, found in {hit:.1f} s")
+    assert code == 0 and statuses(document) == {"hit": 1} and "warning" not in errors, errors
+    assert first.outputs() == second.outputs()
+    print(f"  two seconds a request: baked and stored in {baked:.1f} s, found in {hit:.1f} s")
+
+
+def stalled(case, server, number):
+    """A shared cache that never answers costs one warning and less than a second."""
+    first, second = (Checkout(case, name, number) for name in ("first", "second"))
+    code, document, errors, alone = first.bake()
+    assert code == 0 and statuses(document) == {"baked": number}, errors
+    server.delay = 600.0
+    code, document, errors, shared = second.bake(server=server)
+    assert code == 0 and statuses(document) == {"baked": number}, errors
+    assert errors.count("warning: shared cache") == 1 and "has not answered for" in errors, errors
+    assert first.outputs() == second.outputs()
+    print(f"  {number} models in {alone:.1f} s without, in {shared:.1f} s with a shared cache that never answers")
 
 
 def read_only(case, server, number):
@@ -311,10 +329,10 @@ def hash_of(*parts):
     return int(hashlib.sha256("/".join(parts).encode()).hexdigest()[:6], 16)
 
 
-CASES = [two_checkouts, damaged, outage, slow, read_only, misconfigured, signatures, one_cache, openjd, slurm, throughput,
+CASES = [two_checkouts, damaged, outage, slow, stalled, read_only, misconfigured, signatures, one_cache, openjd, slurm, throughput,
          overhead]
 # What a folder cannot do.
-NEEDS_S3 = {slow, read_only}
+NEEDS_S3 = {slow, stalled, read_only}
 
 
 def main():

@@ -1,5 +1,8 @@
 //! The cached bake: key, look-up, single flight, bake, store.
 
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+
 use simpliguard::settings::{BakeSettings, Scope};
 use simpliguard::{Context, Error, Key, ProgressSink, SceneBake, Source, StageStore, bake_key};
 use simpliguard_cache::{Cache, Flight, Lookup, SingleFlight};
@@ -66,7 +69,7 @@ impl<'a> CachedBake<'a> {
     /// # Errors
     /// Those of the pipeline and of [`Host::begin`]; [`Error::Cancelled`] if the wait or the bake is cancelled.
     pub fn run(&self, context: &Context<'_>, host: &impl Host) -> Result<Outcome, Error> {
-        self.find_or_make(context, host, || {
+        self.find_or_make(context, host, |context| {
             host.begin()?;
             let Some(isolation) = self.isolation else { return self.make(context, host) };
             match isolation.bake((&self.source, self.settings, self.parts, self.cache), context, host)? {
@@ -88,21 +91,25 @@ impl<'a> CachedBake<'a> {
         &self,
         context: &Context<'_>,
         host: &impl Host,
-        make: impl FnOnce() -> Result<BakeResult, Error>,
+        make: impl FnOnce(&Context<'_>) -> Result<BakeResult, Error>,
     ) -> Result<Outcome, Error> {
         let outcome = |result, is_cached| Outcome { key: self.key, result, is_cached };
         let Some(cache) = self.cache else {
-            return Ok(outcome(make()?, false));
+            return Ok(outcome(make(context)?, false));
         };
         let flight = Flight {
             key: &self.key,
             is_cancelled: &|| context.cancellation.is_cancelled(),
             notify: &|notice| host.notify(notice.into()),
-            check: &BakeResult::check,
+            check: self.parts.check(),
         };
         let find = || look_up(cache, &self.key, self.parts, |notice| host.notify(notice));
         let take = |entry| BakeResult::from_entry(entry).filter(|result| self.parts.are_in(result));
-        let make = || make().inspect(|result| self.store(cache, result, host));
+        let make = |has_arrived: &Arc<AtomicBool>| {
+            let cancellation = context.cancellation.or(has_arrived.clone());
+            let result = make(&Context { cancellation, ..context.clone() });
+            result.inspect(|result| self.store(cache, result, host))
+        };
         match cache.single_flight(&flight, find, take, make)? {
             SingleFlight::Found(result) => Ok(outcome(result, true)),
             SingleFlight::Made(result) => Ok(outcome(result, false)),
@@ -130,7 +137,7 @@ impl<'a> CachedBake<'a> {
             let progress = progress.as_ref().map(|progress| progress as &dyn ProgressSink);
             let own = Context { progress, preview: None, ..context.clone() };
             let outcome = CachedBake::new(object.source(), &object.settings, Parts::Combined, self.cache)
-                .and_then(|bake| bake.find_or_make(&own, &ObjectHost(host), || bake.bake(&own, host)));
+                .and_then(|bake| bake.find_or_make(&own, &ObjectHost(host), |own| bake.bake(own, host)));
             outcome.iter().for_each(|outcome| host.object(&object.name, outcome.is_cached));
             let result = outcome.map(|Outcome { result, .. }| (result.combined, result.report));
             host.compute(|| catch_panics(asset, || scene.take(&object, result)))?;

@@ -6,7 +6,7 @@ use simpliguard::data::{Level, Model};
 use simpliguard::gltf::{check_binary, export_level};
 use simpliguard::settings::BakeSettings;
 use simpliguard::{Context, Error, Report, Source, StageId};
-use simpliguard_cache::Entry;
+use simpliguard_cache::{Check, Entry};
 
 const COMBINED: &str = "combined.glb";
 const REPORT: &str = "report.json";
@@ -58,6 +58,14 @@ impl<'a> Parts<'a> {
     /// Tells whether a stored result has all parts.
     pub(crate) fn are_in(self, result: &BakeResult) -> bool {
         !matches!(self, Self::Sheet(_)) || result.sheet.is_some() || result.levels.is_empty()
+    }
+
+    /// The check of a result that somebody else has stored: it is the result of a bake, and tells whether it has all parts.
+    pub(crate) fn check(self) -> Check {
+        match self {
+            Self::Combined | Self::Levels => |entry| BakeResult::check(entry).map(|()| true),
+            Self::Sheet(_) => |entry| BakeResult::check(entry).map(|()| has_sheet(entry)),
+        }
     }
 
     fn sheet(self) -> Option<DrawSheet<'a>> {
@@ -129,6 +137,11 @@ impl BakeResult {
     }
 }
 
+/// Tells whether an entry has a sheet or, without levels, needs none.
+fn has_sheet(entry: &Entry) -> bool {
+    entry.object(SHEET).is_some() || entry.objects.iter().all(|(name, _)| budget_of(name).is_none())
+}
+
 /// The budget in the name of a level; `None` for any other name.
 fn budget_of(name: &str) -> Option<u32> {
     name.strip_prefix(LEVEL_PREFIX)?.strip_suffix(LEVEL_SUFFIX)?.parse().ok()
@@ -178,6 +191,8 @@ fn run_pipeline(
 mod tests {
     use simpliguard::Status;
 
+    use simpliguard::gltf::binary;
+
     use super::*;
 
     fn result() -> BakeResult {
@@ -205,14 +220,17 @@ mod tests {
         assert!(BakeResult::from_entry(partial).is_none());
     }
 
-    #[test]
-    fn entries_that_are_no_result_are_told_from_results() {
-        let json = br#"{"asset":{"version":"2.0"}}"#;
-        let mut glb = b"glTF\x02\0\0\0\x2f\0\0\0\x1b\0\0\0JSON".to_vec();
-        glb.extend(json);
+    /// An entry that a bake might have stored.
+    fn honest() -> Entry {
+        let glb = binary(&serde_json::json!({"asset": {"version": "2.0"}}), &[]).expect("a small file");
         let sheet = Some([PNG_SIGNATURE, b"..."].concat());
         let honest = BakeResult { combined: glb.clone(), levels: vec![(9, glb)], sheet, ..result() };
-        let honest = honest.to_entry().expect("serialises");
+        honest.to_entry().expect("serialises")
+    }
+
+    #[test]
+    fn entries_that_are_no_result_are_told_from_results() {
+        let honest = honest();
         assert_eq!(BakeResult::check(&honest), Ok(()));
         for name in [COMBINED, REPORT, SHEET, "level_9.glb"] {
             let mut forged = honest.clone();
@@ -220,7 +238,7 @@ mod tests {
                 .objects
                 .iter_mut()
                 .filter(|(object, _)| object == name)
-                .for_each(|(_, bytes)| *bytes = json.to_vec());
+                .for_each(|(_, bytes)| *bytes = b"{}".to_vec());
             let found = BakeResult::check(&forged).expect_err(name);
             assert!(found.contains(name), "{found}");
         }
@@ -242,6 +260,11 @@ mod tests {
         let without = BakeResult { sheet: None, ..result() };
         assert!(Parts::Levels.are_in(&without) && !Parts::Sheet(&draw).are_in(&without));
         assert!(Parts::Sheet(&draw).are_in(&result()));
+        let checks = |entry: Entry| [Parts::Levels, Parts::Sheet(&draw)].map(|parts| parts.check()(&entry));
+        assert_eq!(checks(honest()), [Ok(true), Ok(true)]);
+        let mut entry = honest();
+        entry.objects.retain(|(name, _)| name != SHEET);
+        assert_eq!(checks(entry), [Ok(true), Ok(false)]);
         // A model without levels has no sheet either.
         assert!(Parts::Sheet(&draw).are_in(&BakeResult { levels: Vec::new(), ..without }));
         let read = |parts: Parts<'_>| [COMBINED, REPORT, "level_9.glb", SHEET].map(|object| parts.include(object));

@@ -47,6 +47,18 @@ pub enum StorageError {
         /// The reason.
         reason: String,
     },
+    /// The shared tier has not answered for much longer than before. It is left alone for a while.
+    #[error(
+        "shared cache: {address} has not answered for {:.1} seconds; results stay on this machine meanwhile: check the \
+         connection",
+        time.as_secs_f32()
+    )]
+    Silent {
+        /// The address of the tier.
+        address: String,
+        /// The time that was waited.
+        time: Duration,
+    },
     /// The shared tier did not answer in time. It is left alone from then on.
     #[error(
         "shared cache: {address} has not answered for {} seconds and is not asked again in this run; results stay on this \

@@ -21,7 +21,8 @@ impl Cache {
     /// Waits until all results are in the shared tier, and adds the counts since the last call to [`Self::counters`].
     /// Returns these counts, and the failures of the shared tier that nobody was told of.
     pub fn finish(&self) -> (Counters, Vec<StorageError>) {
-        let errors = self.uploads().map(Uploads::finish).unwrap_or_default();
+        self.uploads().into_iter().for_each(Uploads::finish);
+        let errors = self.shared().map(|shared| shared.errors()).unwrap_or_default();
         let shared = self.shared().map(|shared| shared.tally().take()).unwrap_or_default();
         let counts = Counters { local: self.tally().take(), shared };
         if counts != Counters::default() {

@@ -19,6 +19,10 @@ pub enum Notice {
     NotKept(StorageError),
 }
 
+/// Checks that a result of the shared tier is what it says: `Err` describes what it is, and such a result is neither used nor
+/// stored. `Ok(false)` if it is sound but lacks what the caller needs.
+pub type Check = fn(&Entry) -> Result<bool, String>;
+
 /// A request for the result of a key.
 #[derive(Clone, Copy)]
 pub struct Flight<'a> {
@@ -28,7 +32,6 @@ pub struct Flight<'a> {
     pub is_cancelled: &'a dyn Fn() -> bool,
     /// Receives the events on the way.
     pub notify: &'a dyn Fn(Notice),
-    /// Checks that a result of the shared tier is what it says. `Err` describes what it is. Such a result is neither used
-    /// nor stored.
-    pub check: &'a dyn Fn(&Entry) -> Result<(), String>,
+    /// Looks at results of the shared tier.
+    pub check: Check,
 }

@@ -12,13 +12,14 @@ use simpliguard_key::{Key, content_hash};
 
 use crate::counters::{Tally, add};
 use crate::record::{Entry, MOST_RECORD_BYTES, ObjectRecord, Record};
+use crate::shared::Pulse;
 use crate::signature::Trust;
 use crate::tier::{Damaged, Fault, There, Tier};
 
 /// Most bytes that one request reads.
 const PART: u64 = 4 << 20;
 /// Time between two looks at the caller's cancellation.
-const LOOK: Duration = Duration::from_millis(50);
+pub(crate) const LOOK: Duration = Duration::from_millis(50);
 
 /// The time that a request may take.
 #[derive(Clone, Copy, Debug)]
@@ -37,8 +38,9 @@ impl Default for Patience {
 }
 
 impl Patience {
+    /// The time that a transfer may take.
     fn for_bytes(self, bytes: u64) -> Duration {
-        self.request + Duration::from_secs(bytes / self.bytes_per_second)
+        Duration::from_secs(bytes / self.bytes_per_second)
     }
 }
 
@@ -83,6 +85,7 @@ pub(crate) enum Found<T> {
 pub(crate) struct Requests<'a> {
     pub(crate) tier: &'a Arc<dyn Tier>,
     pub(crate) patience: Patience,
+    pub(crate) pulse: &'a Pulse,
     pub(crate) trust: &'a Trust,
     pub(crate) tally: &'a Tally,
     /// Told of files that a later result has to replace.
@@ -209,10 +212,15 @@ impl Requests<'_> {
         let work = move || drop(sender.send(request(tier.as_ref())));
         let thread = thread::Builder::new().name("simpliguard shared cache".into()).spawn(work);
         thread.map_err(|e| Failure::Broken(format!("cannot start a thread: {e}")))?;
-        let (start, limit) = (Instant::now(), self.patience.for_bytes(bytes));
+        let transfer = self.patience.for_bytes(bytes);
+        let (start, limit) = (Instant::now(), self.patience.request + transfer);
+        let wait = self.pulse.wait(transfer);
         loop {
             match answer.recv_timeout(LOOK.min(limit)) {
-                Ok(answer) => return answer.map_err(Failure::from),
+                Ok(answer) => {
+                    wait.answered();
+                    return answer.map_err(Failure::from);
+                }
                 Err(RecvTimeoutError::Disconnected) => return Err(Failure::Broken("the request failed".into())),
                 Err(RecvTimeoutError::Timeout) if (self.is_cancelled)() => return Err(Failure::Cancelled),
                 Err(RecvTimeoutError::Timeout) if start.elapsed() >= limit => return Err(Failure::Stalled(limit)),

@@ -6,10 +6,13 @@
 
 use std::fs::{self, File, OpenOptions, TryLockError};
 use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::thread;
 use std::time::Duration;
 
 use crate::counters::add;
+use crate::fetch::Fetch;
 use crate::flight::{Flight, Notice};
 use crate::record::Entry;
 use crate::store::Cache;
@@ -31,9 +34,12 @@ pub enum SingleFlight<T> {
 impl Cache {
     /// Gets the result of a key from `find`, or else from the shared tier, or else from `make`, which also stores it.
     ///
-    /// A result of the shared tier is stored in this cache and read by `take`. No lock is held meanwhile: a tier that hangs
-    /// keeps nobody else from making the result. While another thread or process makes it, this waits, and then calls
-    /// `find` again. If that maker has died, `make` is called here. After `make`, the result is stored in the shared tier.
+    /// A result of the shared tier is stored in this cache and read by `take`, which serves all that the check of the flight lets
+    /// pass. No lock is held meanwhile: a tier that hangs keeps nobody else from making the result. A tier that does not answer
+    /// soon is not waited for: the result is made meanwhile, and whichever comes first is taken. The flag that `make` gets is
+    /// set once the result of the tier is there; `make` may then end with any error. While another thread or process makes the
+    /// result, this waits, and then calls `find` again. If that maker has died, `make` is called here. After `make`, the result
+    /// is stored in the shared tier.
     ///
     /// The wait blocks the thread. Never call this on a thread that `make` needs, such as one of its pool.
     ///
@@ -43,41 +49,58 @@ impl Cache {
         &self,
         flight: &Flight<'_>,
         find: impl Fn() -> Option<T>,
-        take: impl FnOnce(Entry) -> Option<T>,
-        make: impl FnOnce() -> Result<T, E>,
+        take: impl Fn(Entry) -> Option<T>,
+        make: impl FnOnce(&Arc<AtomicBool>) -> Result<T, E>,
     ) -> Result<SingleFlight<T>, E> {
         if let Some(found) = find() {
             add(&self.tally().hits, 1);
             return Ok(SingleFlight::Found(found));
         }
         add(&self.tally().misses, 1);
-        if let Some(found) = self.fetch(flight).and_then(take) {
+        let fetch = self.shared().and_then(|shared| Fetch::begin(shared, flight));
+        let soon =
+            fetch.as_ref().zip(self.shared()).and_then(|(fetch, shared)| fetch.wait(shared, flight.is_cancelled));
+        self.tell_errors(flight);
+        if let Some(found) = soon.map(|entry| self.keep(entry, flight)).and_then(&take) {
             return Ok(SingleFlight::Found(found));
         }
-        let Some(claim) = Claim::wait_for(self, flight) else {
-            return Ok(SingleFlight::Cancelled);
+        let has_arrived = fetch.as_ref().map_or_else(Arc::default, |fetch| fetch.has_arrived().clone());
+        let arrived = || Some(self.keep(fetch.as_ref()?.take()?, flight));
+        let is_cancelled = || has_arrived.load(Relaxed) || (flight.is_cancelled)();
+        let Some(claim) = Claim::wait_for(self, &Flight { is_cancelled: &is_cancelled, ..*flight }) else {
+            return Ok(arrived().and_then(&take).map_or(SingleFlight::Cancelled, SingleFlight::Found));
         };
         if let Some(found) = find() {
             claim.settle(self);
             return Ok(SingleFlight::Found(found));
         }
-        let made = make()?;
-        claim.settle(self);
-        self.share(flight);
-        Ok(SingleFlight::Made(made))
+        match make(&has_arrived) {
+            Ok(made) => {
+                claim.settle(self);
+                self.share(flight);
+                self.tell_errors(flight);
+                Ok(SingleFlight::Made(made))
+            }
+            Err(error) => {
+                let found = arrived().and_then(&take).ok_or(error)?;
+                claim.settle(self);
+                Ok(SingleFlight::Found(found))
+            }
+        }
     }
 
-    /// The result in the shared tier. Stores it in this cache, too; it is used even if that fails.
-    fn fetch(&self, flight: &Flight<'_>) -> Option<Entry> {
-        let found = self.shared()?.get(flight);
-        let entry = found.unwrap_or_else(|error| {
-            (flight.notify)(error.into());
-            None
-        })?;
+    /// Stores a result of the shared tier in this cache. It is used even if that fails.
+    fn keep(&self, entry: Entry, flight: &Flight<'_>) -> Entry {
         if let Err(error) = self.put(flight.key, &entry) {
             (flight.notify)(Notice::NotKept(error));
         }
-        Some(entry)
+        entry
+    }
+
+    /// Tells of failures of the shared tier that nobody was told of.
+    fn tell_errors(&self, flight: &Flight<'_>) {
+        let errors = self.shared().map(|shared| shared.errors()).unwrap_or_default();
+        errors.into_iter().for_each(|error| (flight.notify)(error.into()));
     }
 
     /// Copies a result from this cache to the shared tier, in the background if there is a thread for it.
@@ -85,16 +108,14 @@ impl Cache {
         let Some(shared) = self.shared().filter(|shared| shared.is_writable()) else { return };
         let Ok(Some(entry)) = self.read(flight.key, |_| true) else { return };
         let entry = match self.uploads() {
-            Some(uploads) => {
-                uploads.errors().into_iter().for_each(|error| (flight.notify)(error.into()));
-                match uploads.push(*flight.key, entry) {
-                    Ok(()) => return,
-                    Err(entry) => entry,
-                }
-            }
+            Some(uploads) => match uploads.push(*flight.key, entry) {
+                Ok(()) => return,
+                Err(entry) => entry,
+            },
             None => entry,
         };
-        if let Err(error) = shared.put(flight, entry) {
+        let is_cancelled = || !shared.is_answering() || (flight.is_cancelled)();
+        if let Err(error) = shared.put(&Flight { is_cancelled: &is_cancelled, ..*flight }, entry) {
             (flight.notify)(error.into());
         }
     }
@@ -166,7 +187,7 @@ mod tests {
 
     /// A request that is never cancelled.
     fn flight(key: &Key) -> Flight<'_> {
-        Flight { key, is_cancelled: &|| false, notify: &|_| {}, check: &|_| Ok(()) }
+        Flight { key, is_cancelled: &|| false, notify: &|_| {}, check: |_| Ok(true) }
     }
 
     #[test]
@@ -177,7 +198,7 @@ mod tests {
             for _ in 0..8 {
                 scope.spawn(|| {
                     let cache = Cache::new(dir.path());
-                    let make = || {
+                    let make = |_: &_| {
                         made.fetch_add(1, SeqCst);
                         thread::sleep(Duration::from_millis(50));
                         cache.put(&key(), &entry()).map(|()| entry())
@@ -198,9 +219,9 @@ mod tests {
         let dir = tempfile::tempdir().expect("tempdir");
         let (cache, key) = (Cache::new(dir.path()), key());
         let flight = Flight { notify: &|notice| panic!("{notice}"), ..flight(&key) };
-        let make = |make: fn() -> Result<u8, &'static str>| cache.single_flight(&flight, || None, |_| None, make);
-        assert_eq!(make(|| Err("no")), Err("no"));
-        assert_eq!(make(|| Ok(1)), Ok(SingleFlight::Made(1)));
+        let make = |result: Result<u8, &'static str>| cache.single_flight(&flight, || None, |_| None, |_| result);
+        assert_eq!(make(Err("no")), Err("no"));
+        assert_eq!(make(Ok(1)), Ok(SingleFlight::Made(1)));
     }
 
     #[test]
@@ -212,7 +233,7 @@ mod tests {
         thread::scope(|scope| {
             let cache = &cache;
             scope.spawn(move || {
-                let make = || {
+                let make = |_: &_| {
                     started.send(()).expect("listens");
                     ended.recv().map_err(|_| ())
                 };
@@ -223,9 +244,9 @@ mod tests {
                 key: &key(),
                 is_cancelled: &|| cancelled.load(SeqCst),
                 notify: &|_| cancelled.store(true, SeqCst),
-                check: &|_| Ok(()),
+                check: |_| Ok(true),
             };
-            let outcome = cache.single_flight(&flight, || None::<()>, |_| None, || Err("made twice"));
+            let outcome = cache.single_flight(&flight, || None::<()>, |_| None, |_| Err("made twice"));
             assert_eq!(outcome, Ok(SingleFlight::Cancelled));
             end.send(()).expect("waits");
         });
@@ -237,7 +258,7 @@ mod tests {
         let root = dir.path().join("file");
         fs::write(&root, b"").expect("writes");
         let cache = Cache::new(&root);
-        let outcome = cache.single_flight(&flight(&key()), || None, |_| None, || Ok::<_, ()>(1));
+        let outcome = cache.single_flight(&flight(&key()), || None, |_| None, |_| Ok::<_, ()>(1));
         assert_eq!(outcome, Ok(SingleFlight::Made(1)));
     }
 }

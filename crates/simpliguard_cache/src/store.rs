@@ -101,8 +101,8 @@ impl Cache {
         Self { shared: Some(Arc::new(shared)), ..self }
     }
 
-    pub(crate) fn shared(&self) -> Option<&Shared> {
-        self.shared.as_deref()
+    pub(crate) fn shared(&self) -> Option<&Arc<Shared>> {
+        self.shared.as_ref()
     }
 
     /// Stores results in the shared tier in the background. The program calls [`Cache::finish`] before it ends; what is made

@@ -21,13 +21,13 @@ use crate::tier::{Damaged, Fault, There, Tier};
 
 impl Cache {
     /// Asks the shared tier whether it can be read and, unless it is read-only, written. Without a shared tier, nothing is
-    /// asked.
+    /// asked. A tier that does not answer within a second is not waited for; [`Cache::finish`] tells what it says later.
     ///
     /// # Errors
     /// [`StorageError::Misconfigured`] if it can never be used; [`StorageError::ReadOnly`] if it is used for reading alone;
     /// others if it does not work at the moment.
     pub fn probe(&self) -> Result<(), StorageError> {
-        self.shared().map_or(Ok(()), Shared::probe)
+        self.shared().map_or(Ok(()), |shared| shared.probe())
     }
 
     /// Adds a shared tier. `address` is a folder, relative to `base`, or a URL such as `s3://bucket/folder`. With

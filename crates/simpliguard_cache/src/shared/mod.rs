@@ -6,16 +6,24 @@
 
 use std::collections::BTreeSet;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, PoisonError, mpsc};
+use std::thread;
 use std::time::{Duration, Instant};
+
+use simpliguard_key::Key;
 
 use crate::counters::{Tally, add};
 use crate::error::StorageError;
-use crate::flight::Flight;
+use crate::fetch::HEAD_START;
+use crate::flight::{Check, Flight};
 use crate::record::Entry;
 use crate::requests::{Failure, Found, Patience, Requests};
 use crate::signature::Trust;
 use crate::tier::{Damaged, There, Tier};
+
+mod pulse;
+
+pub(crate) use pulse::Pulse;
 
 /// Time for which a tier that failed is left alone. It doubles with each failure, from the first value to the second.
 const PAUSES: [Duration; 2] = [Duration::from_secs(60), Duration::from_secs(960)];
@@ -46,6 +54,9 @@ pub(crate) struct Shared {
     replace: Mutex<BTreeSet<String>>,
     /// Set after the warning of untrusted results.
     has_warned: AtomicBool,
+    pulse: Pulse,
+    /// Failures of requests that nobody waited for.
+    errors: Mutex<Vec<StorageError>>,
 }
 
 impl Shared {
@@ -61,6 +72,8 @@ impl Shared {
             state: Mutex::default(),
             replace: Mutex::default(),
             has_warned: false.into(),
+            pulse: Pulse::default(),
+            errors: Mutex::default(),
         }
     }
 
@@ -78,8 +91,56 @@ impl Shared {
         !self.read_only.load(Relaxed) && self.is_on()
     }
 
-    /// Asks the tier whether it can be read and, unless it is read-only, written.
-    pub(crate) fn probe(&self) -> Result<(), StorageError> {
+    /// Tells whether the tier is asked now: it is neither left alone nor silent.
+    pub(crate) fn is_answering(&self) -> bool {
+        self.leave_if_silent();
+        self.is_on()
+    }
+
+    /// Leaves the tier alone for a while if it has fallen silent. Of one outage, the first silence is noted.
+    fn leave_if_silent(&self) {
+        if let Some(time) = self.pulse.silence()
+            && self.is_on()
+            && matches!(self.set_state(State::Failed(Instant::now(), self.next_pause())), State::On)
+        {
+            self.note(StorageError::Silent { address: self.address.clone(), time });
+        }
+    }
+
+    /// The longest time that a request has waited for an answer by now.
+    pub(crate) fn longest_wait(&self) -> Duration {
+        self.pulse.longest_wait()
+    }
+
+    /// Notes a failure for whoever asks next.
+    pub(crate) fn note(&self, error: StorageError) {
+        self.errors.lock().unwrap_or_else(PoisonError::into_inner).push(error);
+    }
+
+    /// The failures since the last call that nobody was told of.
+    pub(crate) fn errors(&self) -> Vec<StorageError> {
+        self.leave_if_silent();
+        std::mem::take(&mut *self.errors.lock().unwrap_or_else(PoisonError::into_inner))
+    }
+
+    /// Asks the tier whether it can be read and, unless it is read-only, written. If the tier does not answer soon, nobody waits
+    /// for it, and what it says later is told later.
+    pub(crate) fn probe(self: &Arc<Self>) -> Result<(), StorageError> {
+        let (done, end) = mpsc::channel::<()>();
+        let shared = self.clone();
+        let work = move || {
+            shared.probe_now().unwrap_or_else(|error| shared.note(error));
+            drop(done);
+        };
+        let thread = thread::Builder::new().name("simpliguard probe".into()).spawn(work);
+        if thread.is_ok() {
+            let _ = end.recv_timeout(HEAD_START);
+        }
+        let error = self.errors.lock().unwrap_or_else(PoisonError::into_inner).pop();
+        error.map_or(Ok(()), Err)
+    }
+
+    fn probe_now(&self) -> Result<(), StorageError> {
         let never = || false;
         self.ask("read from", &never, |requests| requests.probe(false))?;
         if self.is_writable() {
@@ -88,15 +149,19 @@ impl Shared {
         Ok(())
     }
 
-    /// The result that `flight` asks for: its objects match their hashes, its record is trusted, and it passes the check.
-    pub(crate) fn get(&self, flight: &Flight<'_>) -> Result<Option<Entry>, StorageError> {
+    /// The result of a key: its objects match their hashes, its record is trusted, it passes the check and has what the caller
+    /// needs.
+    pub(crate) fn get(&self, key: &Key, check: Check) -> Result<Option<Entry>, StorageError> {
         let get = |requests: Requests<'_>| {
-            let found = requests.get(flight.key)?;
+            let found = requests.get(key)?;
             let Found::Something(entry) = &found else { return Ok(found) };
-            let Err(reason) = (flight.check)(entry) else { return Ok(found) };
-            Err(requests.damaged(Damaged::Record(*flight.key), &reason))
+            match check(entry) {
+                Ok(true) => Ok(found),
+                Ok(false) => Ok(Found::Nothing),
+                Err(reason) => Err(requests.damaged(Damaged::Record(*key), &reason)),
+            }
         };
-        self.count(self.ask("read from", flight.is_cancelled, get))
+        self.count(self.ask("read from", &|| false, get))
     }
 
     /// Tells whether the tier has the result that `flight` asks for, with all its objects. Nothing is fetched.
@@ -152,8 +217,8 @@ impl Shared {
         let replace = |file| {
             self.to_replace().insert(name_of(file));
         };
-        let (patience, trust, tally) = (self.patience, &self.trust, &self.tally);
-        let requests = |tier| Requests { tier, patience, trust, tally, replace: &replace, is_cancelled };
+        let (patience, pulse, trust, tally) = (self.patience, &self.pulse, &self.trust, &self.tally);
+        let requests = |tier| Requests { tier, patience, pulse, trust, tally, replace: &replace, is_cancelled };
         let answer = self.tier.as_ref().map_err(|reason| Failure::NoPlace(reason.clone())).map(requests);
         match answer.and_then(operation) {
             Ok(done) => {
@@ -185,10 +250,8 @@ impl Shared {
             Failure::Denied(reason) | Failure::NoPlace(reason) => {
                 first(State::Off).then_some(StorageError::Misconfigured { address, reason })
             }
-            // Of several threads that wait, one tells of it.
-            Failure::Stalled(time) => {
-                (self.set_state(State::Off) != State::Off).then_some(StorageError::Stalled { address, time })
-            }
+            // Of several threads that wait, one tells of it, unless its silence was told of.
+            Failure::Stalled(time) => first(State::Off).then_some(StorageError::Stalled { address, time }),
             Failure::Cancelled | Failure::Damaged(_) => None,
         }
     }

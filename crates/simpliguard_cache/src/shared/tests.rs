@@ -1,7 +1,9 @@
 //! A tier in memory that hangs, fails and forges.
 
+use std::cell::{Cell, RefCell};
 use std::collections::BTreeMap;
 use std::ops::Range;
+use std::path::Path;
 use std::sync::atomic::{AtomicU32, Ordering::SeqCst};
 use std::thread;
 
@@ -9,18 +11,26 @@ use blake3::Hash;
 use simpliguard_key::{Key, KeyBuilder, content_hash};
 
 use super::*;
+use crate::flight::Notice;
 use crate::record::{MOST_RECORD_BYTES, ObjectRecord, Record};
 use crate::signature::SecretKey;
+use crate::single_flight::SingleFlight;
+use crate::store::{Cache, Lookup};
 use crate::tier::Fault;
 
 const PATIENCE: Patience = Patience { request: Duration::from_millis(200), bytes_per_second: u64::MAX };
+
+/// In place of the name of a request.
+const EVERYTHING: &str = "everything";
 
 /// Files in memory.
 #[derive(Debug, Default)]
 struct Memory {
     files: Mutex<BTreeMap<String, Vec<u8>>>,
-    /// The request that never returns.
+    /// The request that never returns, or [`EVERYTHING`].
     stuck: Option<&'static str>,
+    /// Time that every answer takes.
+    delay: Duration,
     /// The request that is denied.
     denied: Option<&'static str>,
     /// The number of requests that fail before the others are answered.
@@ -29,9 +39,10 @@ struct Memory {
 
 impl Memory {
     fn answer<T>(&self, request: &str, answer: impl FnOnce(&mut BTreeMap<String, Vec<u8>>) -> T) -> T {
-        if self.stuck == Some(request) {
+        if self.stuck.is_some_and(|stuck| stuck == request || stuck == EVERYTHING) {
             thread::sleep(Duration::from_secs(3600));
         }
+        thread::sleep(self.delay);
         answer(&mut self.files.lock().expect("sound"))
     }
 
@@ -99,7 +110,7 @@ fn shared(tier: Memory) -> Shared {
 }
 
 fn get(shared: &Shared) -> Result<Option<Entry>, String> {
-    shared.get(&flight(&key())).map_err(|e| e.to_string())
+    shared.get(&key(), |_| Ok(true)).map_err(|e| e.to_string())
 }
 
 fn put(shared: &Shared) -> Result<(), String> {
@@ -107,7 +118,7 @@ fn put(shared: &Shared) -> Result<(), String> {
 }
 
 fn flight(key: &Key) -> Flight<'_> {
-    Flight { key, is_cancelled: &|| false, notify: &|_| {}, check: &|_| Ok(()) }
+    Flight { key, is_cancelled: &|| false, notify: &|_| {}, check: |_| Ok(true) }
 }
 
 #[test]
@@ -168,17 +179,70 @@ fn a_wait_for_the_tier_can_be_cancelled() {
     let start = Instant::now();
     let key = key();
     let flight = Flight { is_cancelled: &|| true, ..flight(&key) };
-    assert_eq!(shared.get(&flight).expect("no warning"), None);
+    assert!(!shared.has(&flight).expect("no warning"));
     assert!(start.elapsed() < Duration::from_secs(5));
+}
+
+/// A cache in a folder with a tier in memory.
+fn cache(folder: &Path, memory: Memory) -> Cache {
+    Cache::new(folder).with_shared(Shared::new("server", Ok(Arc::new(memory)), false, Trust::default()))
+}
+
+#[test]
+fn whichever_comes_first_is_taken_the_result_of_the_tier_or_of_the_maker() {
+    let dir = tempfile::tempdir().expect("tempdir");
+    let memory = Memory { delay: HEAD_START, ..Memory::default() };
+    let cache = cache(dir.path(), memory);
+    let key = key();
+    let find = || if let Lookup::Hit(entry) = cache.get(&key) { Some(entry) } else { None };
+    cache.shared().expect("has a tier").put(&flight(&key), entry()).expect("stores");
+    let begun = Cell::new(false);
+    // A maker that never ends by itself.
+    let make = |arrived: &Arc<AtomicBool>| {
+        begun.set(true);
+        while !arrived.load(Relaxed) {
+            thread::sleep(Duration::from_millis(1));
+        }
+        Err("stopped")
+    };
+    let found = cache.single_flight(&flight(&key), find, Some, make);
+    assert_eq!((found, begun.get()), (Ok(SingleFlight::Found(entry())), true));
+    assert_eq!(find(), Some(entry()));
+    cache.clear().expect("clears");
+    let quick = cache.single_flight(&flight(&key), find, Some, |_| Ok::<_, ()>(entry()));
+    assert_eq!(quick, Ok(SingleFlight::Made(entry())));
+}
+
+#[test]
+fn a_tier_that_is_stuck_delays_no_run_and_is_told_of_once() {
+    let small = Entry { objects: vec![("a".into(), vec![7; 9])] };
+    for stuck in [EVERYTHING, "put_object"] {
+        let dir = tempfile::tempdir().expect("tempdir");
+        let cache = cache(dir.path(), Memory { stuck: Some(stuck), ..Memory::default() }).with_background_uploads();
+        let start = Instant::now();
+        let told = RefCell::new(Vec::new());
+        let notify = |notice: Notice| told.borrow_mut().push(notice.to_string());
+        for name in ["a", "b", "c", "d", "e"] {
+            let key = KeyBuilder::new(name).finish();
+            let flight = Flight { notify: &notify, ..flight(&key) };
+            let make = |_: &_| cache.put(&key, &small).map(|()| small.clone());
+            let made = cache.single_flight(&flight, || None, Some, make);
+            assert_eq!(made.expect("stores"), SingleFlight::Made(small.clone()));
+        }
+        told.borrow_mut().extend(cache.finish().1.iter().map(ToString::to_string));
+        let told = told.into_inner();
+        assert!(told.len() == 1 && told[0].contains("server has not answered for"), "{stuck}: {told:?}");
+        // The time limit of the first request alone would be longer.
+        assert!(start.elapsed() < Patience::default().request / 2, "{stuck}");
+    }
 }
 
 #[test]
 fn what_the_caller_refuses_is_not_found() {
     let shared = shared(Memory::default());
     put(&shared).expect("stores");
-    let key = key();
-    let flight = Flight { check: &|_| Err("is no model".into()), ..flight(&key) };
-    let error = shared.get(&flight).expect_err("refused");
+    assert_eq!(shared.get(&key(), |_| Ok(false)).expect("is sound"), None);
+    let error = shared.get(&key(), |_| Err("is no model".into())).expect_err("refused");
     assert!(error.to_string().contains("is no model"), "{error}");
 }
 
@@ -234,13 +298,13 @@ fn a_tier_that_may_not_be_written_is_read_on() {
 
 #[test]
 fn a_probe_tells_what_a_tier_is_good_for() {
-    let probe = |memory| shared(memory).probe().map_err(|e| e.to_string());
+    let probe = |memory| Arc::new(shared(memory)).probe().map_err(|e| e.to_string());
     assert_eq!(probe(Memory::default()), Ok(()));
     let read_only = probe(Memory { denied: Some("put_object"), ..Memory::default() }).expect_err("read-only");
     assert!(read_only.contains("is read, but not written"), "{read_only}");
     let denied = probe(Memory { denied: Some("probe"), ..Memory::default() }).expect_err("denied");
     assert!(denied.contains("cannot be used: probe; mend the address"), "{denied}");
-    let unknown = Shared::new("s3://x", Err("no such scheme".into()), false, Trust::default());
+    let unknown = Arc::new(Shared::new("s3://x", Err("no such scheme".into()), false, Trust::default()));
     assert!(matches!(unknown.probe(), Err(StorageError::Misconfigured { .. })));
 }
 

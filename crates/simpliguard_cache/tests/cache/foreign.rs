@@ -45,7 +45,7 @@ fn snapshot(folder: &Path) -> BTreeMap<PathBuf, (Vec<u8>, SystemTime)> {
 fn use_in_every_way(cache: &Cache) {
     let _ = cache.put(&key("k"), &entry());
     cache.put_stage_object(&key("stage"), b"object");
-    let make = || cache.put(&key("other"), &entry());
+    let make = |_: &_| cache.put(&key("other"), &entry());
     let _ = cache.single_flight(&flight(&key("other")), || None::<()>, |_| None, make);
     let _ = (cache.get(&key("k")), cache.get_stage_object(&key("stage")), cache.verify());
     let _ = (cache.collect(0), cache.clear(), cache.put(&key("k"), &entry()));
@@ -61,7 +61,7 @@ fn refusal(cache: &Cache) -> String {
     assert!(cache.collect(0).is_err() && cache.clear().is_err() && cache.check().is_err());
     assert_eq!((cache.usage().bytes, cache.verify().checked.files), (0, 0));
     // A bake goes on without the cache.
-    let outcome = cache.single_flight(&flight(&key("k")), || None, |_| None, || Ok::<_, ()>(1));
+    let outcome = cache.single_flight(&flight(&key("k")), || None, |_| None, |_| Ok::<_, ()>(1));
     assert_eq!(outcome, Ok(SingleFlight::Made(1)));
     use_in_every_way(cache);
     assert_eq!(snapshot(cache.root()), before);

@@ -18,7 +18,7 @@ fn single_flight(cache: &Cache, name: &str) -> (SingleFlight<Entry>, Vec<String>
     let notices: RefCell<Vec<String>> = RefCell::default();
     let find = || if let Lookup::Hit(entry) = cache.get(&key(name)) { Some(entry) } else { None };
     let notify = |notice: Notice| notices.borrow_mut().push(notice.to_string());
-    let make = || cache.put(&key(name), &entry()).map(|()| entry());
+    let make = |_: &_| cache.put(&key(name), &entry()).map(|()| entry());
     let outcome =
         cache.single_flight(&Flight { notify: &notify, ..flight(&key(name)) }, find, Some, make).expect("stores");
     (outcome, notices.into_inner())
@@ -99,11 +99,11 @@ fn a_forged_result_is_neither_used_nor_stored() {
     let key = key("k");
     let request = Flight {
         notify: &|notice: Notice| notices.borrow_mut().push(notice.to_string()),
-        check: &|_| Err("is not the result of a bake".into()),
+        check: |_| Err("is not the result of a bake".into()),
         ..flight(&key)
     };
     let find = || if let Lookup::Hit(entry) = cache.get(&key) { Some(entry) } else { None };
-    let outcome = cache.single_flight(&request, find, |_| panic!("was taken"), || Err::<Entry, _>("made"));
+    let outcome = cache.single_flight(&request, find, |_| panic!("was taken"), |_| Err::<Entry, _>("made"));
     assert_eq!(outcome, Err("made"));
     assert!(matches!(cache.get(&key), Lookup::Miss));
     let notices = notices.into_inner();

@@ -81,7 +81,7 @@ impl Caches {
         let notify = |notice: simpliguard_cache::Notice| {
             warn_once(&mut self.said.lock().unwrap_or_else(PoisonError::into_inner), &notice.to_string());
         };
-        let flight = Flight { key, is_cancelled: &|| false, notify: &notify, check: &|_| Ok(()) };
+        let flight = Flight { key, is_cancelled: &|| false, notify: &notify, check: |_| Ok(true) };
         self.of(project)?.locate(&flight)
     }
 }
