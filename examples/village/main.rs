@@ -8,7 +8,8 @@
 //!
 //! The scene is made here and written to `target/village/assets`, with a `.meta` file that says `scope: Objects`. The game
 //! spawns it like any other scene. Its 300 objects are 20 meshes, so there are 20 bakes. Each object switches on its own:
-//! from the middle of the village, some show their source and others the smallest level.
+//! from the middle of the village, some show their source and others the smallest level. Seen from afar, one mesh stands for
+//! all of them (`whole`).
 
 mod scene;
 mod shapes;
@@ -39,7 +40,7 @@ const AIR: Color = Color::srgb(0.70, 0.80, 0.90);
 
 #[derive(Parser, Resource, Clone)]
 struct Options {
-    /// A folder for pictures from near, the middle and afar.
+    /// A folder for pictures from each place.
     #[arg(long, value_name = "DIR")]
     screenshot: Option<PathBuf>,
     /// Measure nothing and stay open.
@@ -53,6 +54,7 @@ enum Place {
     Near,
     Middle,
     Far,
+    Horizon,
 }
 
 impl Place {
@@ -61,6 +63,7 @@ impl Place {
             Self::Near => (Vec3::new(4.0, 1.8, 22.0), Vec3::new(0.0, 1.5, 0.0)),
             Self::Middle => (Vec3::new(0.0, 0.3 * RADIUS, 1.3 * RADIUS), Vec3::new(0.0, 0.0, 0.2 * RADIUS)),
             Self::Far => (Vec3::new(0.0, 1.2 * RADIUS, 4.0 * RADIUS), Vec3::ZERO),
+            Self::Horizon => (Vec3::new(0.0, 1.5 * RADIUS, 12.0 * RADIUS), Vec3::ZERO),
         };
         Transform::from_translation(position).looking_at(focus, Vec3::Y)
     }
@@ -168,7 +171,7 @@ struct Measured {
 impl Measurements {
     fn new(options: &Options) -> Self {
         let both = |place| [(place, true), (place, false)];
-        let all = [Place::Near, Place::Middle, Place::Far].into_iter().flat_map(both);
+        let all = [Place::Near, Place::Middle, Place::Far, Place::Horizon].into_iter().flat_map(both);
         let left = if options.stay { VecDeque::new() } else { all.collect() };
         Self { left, timer: Timer::default(), with_levels: None, is_exposing: false }
     }

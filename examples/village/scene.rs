@@ -15,12 +15,20 @@ pub(crate) const FILE: &str = "village.glb";
 /// Radius of the village in metres.
 pub(crate) const RADIUS: f32 = 62.0;
 
-/// The settings of the file: levels for each object, and what makes the first start quick.
+/// The settings of the file: levels for each object, two for all of them, and what makes the first start quick.
 const META: &str = r#"(
     meta_format_version: "1.0",
     asset: Process(
         processor: "bevy_simpliguard::SimpliguardProcess",
-        settings: (scope: Objects, quality: Draft, candidates: Source, texture_size: 256, views: 16, view_size: 256),
+        settings: (
+            scope: Objects,
+            whole: [1000, 4000],
+            quality: Draft,
+            candidates: Source,
+            texture_size: 256,
+            views: 16,
+            view_size: 256,
+        ),
     ),
 )
 "#;

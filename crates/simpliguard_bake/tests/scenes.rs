@@ -7,7 +7,7 @@ use std::collections::BTreeMap;
 
 use bytes::Bytes;
 use serde_json::{Value, json};
-use simpliguard::settings::{BakeOverrides, BakeSettings, Candidates, ObjectRule, Quality, Scope};
+use simpliguard::settings::{BakeOverrides, BakeSettings, Budgets, Candidates, ObjectRule, Quality, Scope};
 use simpliguard::{Context, RelativeUri, Report, Resources, Source, Status};
 use simpliguard_bake::{CachedBake, Host, Notice, Parts};
 use simpliguard_cache::Cache;
@@ -262,6 +262,34 @@ fn a_group_is_one_object_and_small_things_stay() {
     assert_eq!((baked.levels_of(2).len(), baked.levels_of(5).len(), baked.levels_of(6).len()), (3, 3, 0));
     let report = &baked.report.objects[0];
     assert_eq!((report.instances, report.source_faces), (2, 480));
+}
+
+#[test]
+fn one_level_stands_for_the_whole_scene() {
+    let dir = tempfile::tempdir().expect("tempdir");
+    let cache = Cache::new(dir.path());
+    let with_whole = BakeSettings { whole: Budgets(vec![80, 200]), ..settings() };
+    let plain = bake(&village(), &cache);
+    let baked = bake_with(&village(), &cache, &with_whole);
+    assert_eq!((baked.baked.len(), baked.found), (0, plain.baked.len()), "the objects have the keys that they had");
+    let stamps = |baked: &Baked| -> Vec<Value> {
+        let nodes = baked.document["nodes"].as_array().expect("nodes").iter();
+        let stamps = nodes.filter_map(|node| node.pointer("/extras/simpliguard").cloned());
+        stamps.filter(|stamp| stamp.get("whole").is_some()).collect()
+    };
+    assert_eq!(stamps(&plain).len(), 0);
+    let [large, small] = &stamps(&baked)[..] else { panic!("two levels") };
+    assert_eq!((&large["budget"], &small["budget"]), (&json!(200), &json!(80)));
+    assert!(large["faces"].as_u64() <= Some(200) && large["error"].as_f64() < small["error"].as_f64());
+    let mesh_nodes = village().nodes.len();
+    assert_eq!((&small["replaces"], small.get("object")), (&json!((0..mesh_nodes).collect::<Vec<_>>()), None));
+    assert_eq!(baked.report.levels.iter().map(|level| level.budget).collect::<Vec<_>>(), [80, 200]);
+    // A chair that was moved changes the level of the whole, and no object.
+    let mut moved = village();
+    moved.nodes[0]["translation"] = json!([40, 0, 0]);
+    let again = bake_with(&moved, &cache, &with_whole);
+    assert_eq!((again.baked.len(), again.found), (0, plain.baked.len()));
+    assert_ne!(stamps(&again)[1]["error"], small["error"]);
 }
 
 #[test]

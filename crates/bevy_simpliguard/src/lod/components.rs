@@ -35,7 +35,9 @@ impl Default for LodSettings {
 
 /// The levels of one model instance, on the entity with its [`WorldAssetRoot`]. In a scene that was baked with `scope:
 /// Objects`, each object has its own, on the entity of its node. Then `force`, `bias` and `enabled` of the entity with
-/// the [`WorldAssetRoot`], if a game gives it this component, are for all objects of the scene.
+/// the [`WorldAssetRoot`], if a game gives it this component, are for all objects of the scene. The levels of that entity
+/// are those that stand for all objects, if the scene was baked with `whole`; a level that is forced is always shown by
+/// the objects themselves.
 ///
 /// It is added to every instance that has levels, in the `PostUpdate` of the frame in which the instance is spawned. A
 /// game that needs other values from the start spawns it with the instance. `force`, `bias` and `enabled` are kept when
@@ -109,6 +111,10 @@ pub struct LodGroup {
     /// The levels in falling detail. The source is the first if the file contains it.
     #[entities]
     pub levels: Vec<LodLevel>,
+    /// The entities with the groups of all objects, if the levels of this one stand for all of them. Its first level then
+    /// has only what belongs to no object with levels.
+    #[entities]
+    pub objects: Vec<Entity>,
 }
 
 impl LodGroup {

@@ -1,5 +1,5 @@
 //! The levels in a baked file, by what their nodes say in `extras.simpliguard`: those of the whole scene, which `MSFT_lod`
-//! of one node lists, or those of each object.
+//! of one node lists, or those of each object, and those that stand for all objects.
 
 use std::collections::{BTreeMap, HashMap, HashSet};
 
@@ -14,7 +14,7 @@ pub(super) struct LodFile {
     pub(super) document: gltf::Document,
     /// The transforms from the space of each node to the scene, in the rest pose.
     pub(super) rest: Vec<Mat4>,
-    /// Not empty. One group for the whole scene, or one for each object.
+    /// Not empty. One group for the whole scene, or one for each object, and behind them the one that stands for all.
     pub(super) groups: Vec<FileGroup>,
     /// The groups whose most detailed level has a mesh, by that mesh.
     pub(super) by_mesh: HashMap<usize, Vec<usize>>,
@@ -22,12 +22,22 @@ pub(super) struct LodFile {
     pub(super) mirrored: HashSet<usize>,
 }
 
+/// What levels stand for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Of {
+    /// A scene without objects.
+    Scene,
+    /// One object of a scene.
+    Object,
+    /// All objects of a scene.
+    AllObjects,
+}
+
 /// Levels that switch together.
 pub(super) struct FileGroup {
     /// Index of the node that holds the levels: that of the object, or the one with `MSFT_lod`.
     pub(super) holder: usize,
-    /// True for the levels of one object, false for those of the whole scene.
-    pub(super) is_object: bool,
+    pub(super) of: Of,
     /// The node in whose space the levels lie; `None` for the space of the scene.
     pub(super) space: Option<usize>,
     /// Indices of the nodes whose meshes the levels stand for.
@@ -62,13 +72,19 @@ struct Stamp {
     /// The node of the object. Only levels of objects have one.
     object: Option<usize>,
     space: Option<usize>,
+    /// True for levels that stand for all objects.
+    #[serde(default)]
+    whole: bool,
 }
 
 impl LodFile {
     /// The levels of a document. `None` if it has none, or only levels of another tool.
     pub(super) fn read(document: &gltf::Document, name: &str) -> Option<Self> {
         let objects = objects(document, name);
-        let groups = if objects.is_empty() { whole(document, name).into_iter().collect() } else { objects };
+        let groups: Vec<FileGroup> = match objects.is_empty() {
+            true => whole(document, name).into_iter().collect(),
+            false => objects.into_iter().chain(of_all_objects(document, name)).collect(),
+        };
         if groups.is_empty() {
             return None;
         }
@@ -100,10 +116,15 @@ impl LodFile {
 impl FileGroup {
     fn new(holder: usize, stamps: Vec<(usize, Stamp)>) -> Option<Self> {
         let (_, first) = stamps.first()?;
-        let (is_object, space, replaces) = (first.object.is_some(), first.space, first.replaces.clone());
+        let of = match first {
+            Stamp { object: Some(_), .. } => Of::Object,
+            Stamp { whole: true, .. } => Of::AllObjects,
+            _ => Of::Scene,
+        };
+        let (space, replaces) = (first.space, first.replaces.clone());
         let mut levels: Vec<FileLevel> = stamps.into_iter().map(|(node, s)| FileLevel::new(node, &s)).collect();
         levels.sort_by_key(|level| std::cmp::Reverse(level.budget));
-        Some(Self { holder, is_object, space, replaces, levels })
+        Some(Self { holder, of, space, replaces, levels })
     }
 
     /// The nodes that a scene must have.
@@ -132,7 +153,18 @@ fn objects(document: &gltf::Document, name: &str) -> Vec<FileGroup> {
     by_object.into_iter().filter_map(|(object, stamps)| FileGroup::new(object, stamps)).collect()
 }
 
-/// The levels of the whole scene.
+/// The levels that stand for all objects.
+fn of_all_objects(document: &gltf::Document, name: &str) -> Option<FileGroup> {
+    let stamps = document.nodes().filter_map(|node| {
+        let stamp = stamp(&node).filter(|stamp| stamp.whole && is_usable(&node, stamp, name))?;
+        Some((node.index(), stamp))
+    });
+    let stamps: Vec<(usize, Stamp)> = stamps.collect();
+    let holder = *stamps.first()?.1.replaces.first()?;
+    FileGroup::new(holder, stamps)
+}
+
+/// The levels of a scene without objects.
 fn whole(document: &gltf::Document, name: &str) -> Option<FileGroup> {
     document.nodes().find_map(|holder| {
         let ids = level_nodes(holder.extension_value("MSFT_lod")?);
@@ -246,7 +278,7 @@ mod tests {
     fn levels_come_in_falling_detail_with_what_they_replace() {
         let file = read(json!([holder(json!([1, 2])), level(1, 10, 0.5), level(2, 20, 0.25)])).expect("levels");
         let [group] = &file.groups[..] else { panic!("one group") };
-        assert_eq!((group.holder, group.is_object, &group.replaces[..]), (0, false, &[0, 3][..]));
+        assert_eq!((group.holder, group.of, &group.replaces[..]), (0, Of::Scene, &[0, 3][..]));
         let expected = |node, level, budget, error| FileLevel { node, level, budget, faces: budget - 1, error };
         assert_eq!(group.levels, [expected(2, 2, 20, 0.25), expected(1, 1, 10, 0.5)]);
     }
@@ -261,13 +293,16 @@ mod tests {
         };
         let mirrored = json!({ "mesh": 0, "scale": [1, -1, 1], "children": [2] });
         let moved = json!({ "mesh": 0, "translation": [3, 0, 0] });
-        let nodes = json!([{}, mirrored, moved, of(2, 1, 0.5), of(1, 1, 0.5), of(2, 2, 0.25)]);
+        let mut whole = level(1, 10, 0.5);
+        whole["extras"]["simpliguard"]["whole"] = json!(true);
+        let nodes = json!([{}, mirrored, moved, of(2, 1, 0.5), of(1, 1, 0.5), of(2, 2, 0.25), whole]);
         let file = read(nodes).expect("levels");
         let groups: Vec<_> =
-            file.groups.iter().map(|g| (g.holder, g.levels.len(), g.is_mirrored(&file.rest))).collect();
-        assert_eq!(groups, [(1, 1, true), (2, 2, true)]);
+            file.groups.iter().map(|g| (g.holder, g.of, g.levels.len(), g.is_mirrored(&file.rest))).collect();
+        let expected = [(1, Of::Object, 1, true), (2, Of::Object, 2, true), (0, Of::AllObjects, 1, false)];
+        assert_eq!(groups, expected);
         assert_eq!(file.groups[1].levels[0].node, 5, "the most detailed comes first");
-        assert_eq!(file.by_mesh[&0], [0, 1]);
+        assert_eq!(file.by_mesh[&0], [0, 1, 2]);
         assert_eq!(file.rest[2].transform_point3(bevy::math::Vec3::Y), bevy::math::vec3(3.0, -1.0, 0.0));
     }
 

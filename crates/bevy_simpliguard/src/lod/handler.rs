@@ -30,7 +30,7 @@ use bevy::tasks::ConditionalSendFuture;
 use super::bounds::{self, Bounds};
 use super::components::{LodGroup, LodLevel, LodMember, LodPrimitive};
 use super::fade::Show;
-use super::file::{self, FileGroup, FileLevel, LodFile};
+use super::file::{self, FileGroup, FileLevel, LodFile, Of};
 use super::mipmaps::{self, Mipmaps};
 
 /// Defaults of the loader settings that entities depend on. A file may override them.
@@ -158,9 +158,17 @@ impl GltfExtensionHandler for LodHandler {
         let mut builder =
             SceneBuilder { context, world, root, file: &file, entities, others: &mut self.others, defaults };
         // The entities of all sources are found before levels become their neighbours.
-        let sources: Vec<_> = groups.iter().map(|(group, _)| builder.source(group)).collect();
+        let of_objects = || groups.iter().map(|(group, _)| *group).filter(|group| group.of == Of::Object);
+        let replaced: BTreeSet<usize> = of_objects().flat_map(|group| group.replaces.iter().copied()).collect();
+        let sources: Vec<_> = groups.iter().map(|(group, _)| builder.source(group, &replaced)).collect();
+        let objects: Vec<Entity> = of_objects().map(|group| builder.entities[&group.holder]).collect();
         for ((group, bounds), source) in groups.into_iter().zip(sources) {
             builder.build(group, bounds, source);
+            if group.of == Of::AllObjects
+                && let Some(mut all) = builder.world.get_mut::<LodGroup>(root)
+            {
+                all.objects.clone_from(&objects);
+            }
         }
     }
 }
@@ -207,7 +215,7 @@ impl SceneBuilder<'_, '_> {
         let entity = |node: usize| self.entities[&node];
         let place = Place {
             file,
-            group: if file.is_object { entity(file.holder) } else { self.root },
+            group: if file.of == Of::Object { entity(file.holder) } else { self.root },
             parent: file.space.map_or(self.root, entity),
             is_mirrored: file.is_mirrored(&self.file.rest),
         };
@@ -224,7 +232,7 @@ impl SceneBuilder<'_, '_> {
             }
         }
         let (center, radius) = self.sphere(place, bounds);
-        self.world.entity_mut(place.group).insert(LodGroup { center, radius, levels });
+        self.world.entity_mut(place.group).insert(LodGroup { center, radius, levels, objects: Vec::new() });
     }
 
     /// Centre and radius of the bounding sphere in the space of the group's entity, in the rest pose.
@@ -242,10 +250,12 @@ impl SceneBuilder<'_, '_> {
     }
 
     /// The source: the entities that the loader has spawned for the nodes in `replaces`. `None` if they have no meshes,
-    /// because the file was baked without the source.
-    fn source(&mut self, group: &FileGroup) -> Option<LodLevel> {
+    /// because the file was baked without the source. Where levels stand for all objects, the objects are their source,
+    /// and only what is not in `of_objects` is added.
+    fn source(&mut self, group: &FileGroup, of_objects: &BTreeSet<usize>) -> Option<LodLevel> {
         let (mut primitives, mut textures) = (Vec::new(), Vec::new());
-        for &index in &group.replaces {
+        let is_of_all = group.of == Of::AllObjects;
+        for &index in group.replaces.iter().filter(|index| !is_of_all || !of_objects.contains(index)) {
             let children = self.world.get::<Children>(self.entities[&index]).map(|c| c.iter());
             let drawn = children.into_iter().flatten().filter_map(|c| Some((c, self.world.get::<Mesh3d>(c)?)));
             let mesh = self.file.node(index).and_then(|node| node.mesh());
@@ -259,7 +269,7 @@ impl SceneBuilder<'_, '_> {
             textures.extend(mesh.iter().flat_map(|mesh| embedded_textures(mesh)));
         }
         let faces = primitives.iter().map(|p| p.faces).sum();
-        let is_there = !primitives.is_empty();
+        let is_there = is_of_all || !primitives.is_empty();
         let textures = self.handles(textures);
         is_there.then_some(LodLevel { level: 0, budget: faces, faces, error: 0.0, primitives, textures })
     }

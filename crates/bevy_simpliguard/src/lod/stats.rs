@@ -63,9 +63,13 @@ pub(super) fn count(
         }
         if is_visible {
             sum.visible_groups += 1;
-            let source = group.levels.first();
-            sum.source_triangles += source.map_or(0, |level| u64::from(level.faces));
-            sum.source_draw_calls += source.map_or(0, |level| level.primitives.len() as u64);
+            // What stands for all objects has their sources, too, while they are hidden.
+            let objects = group.objects.iter().filter(|_| choice.main() > 0);
+            let others = objects.filter_map(|object| groups.get(*object).ok()).map(|(object, _)| object);
+            for source in others.chain([group]).filter_map(|group| group.levels.first()) {
+                sum.source_triangles += u64::from(source.faces);
+                sum.source_draw_calls += source.primitives.len() as u64;
+            }
         }
     }
     *stats = sum;

@@ -19,10 +19,37 @@ pub(super) struct LodState {
     rungs: Vec<Rung>,
     /// The levels that are shown. `None` before the first selection.
     choice: Option<Choice>,
+    /// What the levels leave of it that stand for all objects.
+    veil: Veil,
+    /// True if `veil` differs from what is shown.
+    is_veil_changed: bool,
     /// True if a part of the source is hidden, so that no level can stand for it.
     is_source_cut: bool,
     /// True if `is_source_cut` has to be computed again.
     is_source_changed: bool,
+}
+
+/// What is left of an object while levels that stand for all objects are shown.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+enum Veil {
+    /// Everything.
+    #[default]
+    None,
+    /// All but so many sixteenths of the pixels, from 1 to 15.
+    Fading(u8),
+    /// Nothing.
+    Hidden,
+}
+
+impl Veil {
+    /// The veil over the objects while the levels that stand for all of them show this.
+    fn of(choice: Choice) -> Self {
+        match choice {
+            Choice { slot: 0, next: None } => Self::None,
+            Choice { slot: 0, next: Some((_, step)) } => Self::Fading(step),
+            _ => Self::Hidden,
+        }
+    }
 }
 
 impl LodState {
@@ -48,6 +75,8 @@ pub(super) fn attach(
             scene: instance.filter(|&instance| instance != root),
             rungs: Vec::new(),
             choice: None,
+            veil: Veil::None,
+            is_veil_changed: false,
             is_source_cut: false,
             is_source_changed: true,
         });
@@ -70,10 +99,23 @@ pub(super) fn detach(
 /// Marks the groups whose source has parts that were hidden or shown.
 pub(super) fn note_hidden_parts(
     members: Query<'_, '_, &LodMember, Changed<InheritedVisibility>>,
-    mut groups: Query<'_, '_, &mut LodState>,
+    mut groups: Query<'_, '_, (&LodGroup, &mut LodState)>,
+    mut scenes: Local<'_, Vec<Entity>>,
 ) {
+    scenes.clear();
     for member in members.iter().filter(|member| member.level == 0) {
-        if let Ok(mut state) = groups.get_mut(member.group) {
+        if let Ok((_, mut state)) = groups.get_mut(member.group) {
+            state.is_source_changed = true;
+            if let Some(scene) = state.scene.filter(|scene| !scenes.contains(scene)) {
+                scenes.push(scene);
+            }
+        }
+    }
+    if scenes.is_empty() {
+        return;
+    }
+    for (group, mut state) in &mut groups {
+        if !group.objects.is_empty() && scenes.contains(&state.root) {
             state.is_source_changed = true;
         }
     }
@@ -102,35 +144,51 @@ pub(super) struct Members<'w, 's> {
     ranges: Query<'w, 's, &'static mut VisibilityRange>,
 }
 
-/// Selects the level of each group and shows it.
+/// Selects the level of each group and shows it. Levels that stand for all objects of a scene come first: what they show
+/// hides the objects.
 pub(super) fn switch_levels(
     settings: Res<'_, LodSettings>,
     mut cameras: Cameras<'_, '_>,
     mut groups: Query<'_, '_, (&LodGroup, &mut LodState, &GlobalTransform, Option<Ref<'_, InheritedVisibility>>)>,
+    all_groups: Query<'_, '_, &LodGroup>,
     mut lods: Query<'_, '_, &mut SimpliguardLods>,
     mut members: Members<'_, '_>,
 ) {
     let selection = Selection { settings: &settings, views: cameras.views() };
     let fade = settings.fade.clamp(0.0, 1.0);
-    for (group, mut state, transform, shown) in &mut groups {
-        let wish = Wish::of(state.scene.into_iter().chain([state.root]).filter_map(|entity| lods.get(entity).ok()));
-        let mut lods = lods.get_mut(state.root).ok();
-        let is_shown = shown.as_ref().is_none_or(|v| v.get());
-        if state.is_source_changed || shown.is_some_and(|v| v.is_changed()) {
-            state.is_source_changed = false;
-            state.is_source_cut = is_shown && is_cut(&group.levels, &members.visibility);
+    for stands_for_all in [true, false] {
+        let mut veiled: Vec<(Entity, Veil)> = Vec::new();
+        for (group, mut state, transform, shown) in &mut groups {
+            if group.objects.is_empty() == stands_for_all {
+                continue;
+            }
+            let wish = Wish::of(state.scene.into_iter().chain([state.root]).filter_map(|entity| lods.get(entity).ok()));
+            let is_shown = shown.as_ref().is_none_or(|v| v.get());
+            if state.is_source_changed || shown.is_some_and(|v| v.is_changed()) {
+                state.is_source_changed = false;
+                let mut parts = group.objects.iter().filter_map(|object| all_groups.get(*object).ok()).chain([group]);
+                state.is_source_cut = is_shown && parts.any(|part| is_cut(&part.levels, &members.visibility));
+            }
+            let is_fresh = state.choice.is_none() || settings.is_changed();
+            if is_fresh {
+                state.rungs = rungs(group.levels.iter().map(|level| level.error), fade);
+            }
+            let choice = selection.choice(group, &state, transform, wish);
+            if is_fresh || state.choice != Some(choice) || state.is_veil_changed {
+                state.choice = Some(choice);
+                state.is_veil_changed = false;
+                show(&group.levels, (choice, state.veil), fade > 0.0, &mut members.ranges);
+                veiled.extend(group.objects.iter().map(|object| (*object, Veil::of(choice))));
+            }
+            if let Ok(mut lods) = lods.get_mut(state.root) {
+                report(group, choice, &mut lods);
+            }
         }
-        let is_fresh = state.choice.is_none() || settings.is_changed();
-        if is_fresh {
-            state.rungs = rungs(group.levels.iter().map(|level| level.error), fade);
-        }
-        let choice = selection.choice(group, &state, transform, wish);
-        if is_fresh || state.choice != Some(choice) {
-            state.choice = Some(choice);
-            show(&group.levels, choice, fade > 0.0, &mut members.ranges);
-        }
-        if let Some(lods) = &mut lods {
-            report(group, choice, lods);
+        for (object, veil) in veiled {
+            if let Ok((_, mut state, ..)) = groups.get_mut(object) {
+                state.is_veil_changed |= state.veil != veil;
+                state.veil = veil;
+            }
         }
     }
 }
@@ -186,7 +244,8 @@ impl Selection<'_> {
             return Choice::only(0);
         }
         if let Some(number) = self.settings.force.or(force) {
-            return Choice::only(forced(&group.levels, number));
+            // A level that is forced is one of the objects' own.
+            return Choice::only(if group.objects.is_empty() { forced(&group.levels, number) } else { 0 });
         }
         let current = state.choice.unwrap_or(Choice::only(0));
         if self.views.is_empty() {
@@ -209,14 +268,20 @@ fn forced(levels: &[LodLevel], number: u32) -> usize {
     levels.iter().rposition(is_enough).unwrap_or(0)
 }
 
-/// Shows the selected levels, and hides all others of the group.
-fn show(levels: &[LodLevel], choice: Choice, can_fade: bool, ranges: &mut Query<'_, '_, &mut VisibilityRange>) {
+/// Shows the selected levels as far as the veil leaves them, and hides all others of the group.
+fn show(
+    levels: &[LodLevel],
+    (choice, veil): (Choice, Veil),
+    can_fade: bool,
+    ranges: &mut Query<'_, '_, &mut VisibilityRange>,
+) {
     let whole = if can_fade { Show::Whole } else { Show::Solid };
     for (slot, level) in levels.iter().enumerate() {
-        let show = match choice.next {
-            None if slot == choice.slot => whole,
-            Some((_, step)) if slot == choice.slot => Show::FadeOut(step),
-            Some((next, step)) if slot == next => Show::FadeIn(step),
+        let show = match (veil, choice.next) {
+            (Veil::None, None) if slot == choice.slot => whole,
+            (Veil::None, Some((_, step))) if slot == choice.slot => Show::FadeOut(step),
+            (Veil::None, Some((next, step))) if slot == next => Show::FadeIn(step),
+            (Veil::Fading(step), _) if slot == choice.main() => Show::FadeOut(step),
             _ => Show::Nothing,
         };
         let range = show.range();

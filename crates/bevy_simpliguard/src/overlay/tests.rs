@@ -90,7 +90,12 @@ fn it_says_how_many_instances_show_each_level() {
     let mut app = app();
     let level =
         |level| LodLevel { level, budget: 9, faces: 9, error: 0.0, primitives: Vec::new(), textures: Vec::new() };
-    app.world_mut().spawn(LodGroup { center: Vec3::ZERO, radius: 1.0, levels: vec![level(0), level(2), level(1)] });
+    app.world_mut().spawn(LodGroup {
+        center: Vec3::ZERO,
+        radius: 1.0,
+        levels: vec![level(0), level(2), level(1)],
+        objects: Vec::new(),
+    });
     let groups = |groups| LodLevelStats { groups, triangles: 0 };
     app.world_mut().insert_resource(LodStats { levels: vec![groups(1), groups(1_234)], ..default() });
     app.update();

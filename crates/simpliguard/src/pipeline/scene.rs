@@ -9,10 +9,10 @@ use simpliguard_key::{Key, KeyBuilder};
 
 use super::baked::Baked;
 use super::context::{Context, Progress, ProgressSink};
-use super::report::{ObjectReport, Report, StageSeconds, Status};
+use super::report::{LevelReport, ObjectReport, Report, StageSeconds, Status};
 use super::version::PIPELINE_VERSION;
 use crate::gltf::{ImportLimits, ObjectScene};
-use crate::settings::{BakeSettings, ExistingLods, MatchingRules, RuleMatcher, Scope, SourceGeometry};
+use crate::settings::{BakeSettings, Candidates, ExistingLods, MatchingRules, RuleMatcher, Scope, SourceGeometry};
 use crate::{Error, NoResources, Source};
 
 /// Fewest triangles of a level of an object: those of a box.
@@ -29,6 +29,8 @@ pub struct SceneBake {
     built: HashMap<Key, usize>,
     /// The report of each kind that has one.
     reports: Vec<Option<ObjectReport>>,
+    /// The reports of the levels that stand for all objects.
+    whole: Vec<LevelReport>,
     notes: Vec<String>,
     seconds: StageSeconds,
 }
@@ -76,6 +78,7 @@ impl SceneBake {
             next: 0,
             built: HashMap::new(),
             reports,
+            whole: Vec::new(),
             notes: Vec::new(),
             seconds: Vec::new(),
         }))
@@ -122,24 +125,61 @@ impl SceneBake {
         if report.status == Status::Baked {
             self.scene.take_levels(object.kind, &glb)?;
         }
+        self.add_seconds(report.seconds);
         let found = &self.scene.kinds()[object.kind];
         self.notes.extend(report.notes.iter().map(|note| format!("{}: {note}", found.name)));
-        for (stage, seconds) in report.seconds {
-            match self.seconds.iter_mut().find(|(known, _)| *known == stage) {
-                Some((_, sum)) => *sum += seconds,
-                None => self.seconds.push((stage, seconds)),
-            }
-        }
         let (name, instances) = (found.name.clone(), found.instances);
         let report = ObjectReport { name, instances, source_faces: report.source_faces, levels: report.levels };
         self.reports[object.kind] = Some(report);
         Ok(())
     }
 
-    /// The part of the progress of the whole bake that `object` has.
-    pub fn progress<'s>(&self, object: &ObjectSource, sink: &'s dyn ProgressSink) -> ObjectProgress<'s> {
-        let share = 1.0 / self.scene.kinds().len() as f32;
-        ObjectProgress { sink, begin: object.kind as f32 * share, share }
+    /// The settings of the levels that stand for all objects: they are baked from the scene file itself, after the objects.
+    /// `None` if there are to be none. All candidates compete, as few triangles cannot hold hundreds of surfaces apart.
+    pub fn whole_settings(&self) -> Option<BakeSettings> {
+        let (faces, targets, candidates) = (self.settings.whole.0.clone(), Vec::new(), Candidates::All);
+        let settings = || BakeSettings { faces, targets, candidates, ..without_scene(&self.settings) };
+        (!self.settings.whole.0.is_empty()).then(settings)
+    }
+
+    /// Takes the result of that bake, as [`take`](Self::take) does for an object.
+    ///
+    /// # Errors
+    /// Those of [`take`](Self::take).
+    pub fn take_whole(&mut self, result: Result<(Vec<u8>, Report), Error>) -> Result<(), Error> {
+        let (glb, report) = match result {
+            Ok(result) => result,
+            Err(error @ (Error::Cancelled { .. } | Error::Settings(_))) => return Err(error),
+            Err(error) => {
+                self.notes.push(format!("no level stands for all objects: {error}"));
+                return Ok(());
+            }
+        };
+        let of_all = |text: &String| format!("all objects: {text}");
+        if report.status == Status::Baked {
+            self.scene.take_whole(&glb)?;
+            let with_name = |level: LevelReport| LevelReport { warning: level.warning.as_ref().map(of_all), ..level };
+            self.whole = report.levels.into_iter().map(with_name).collect();
+        }
+        self.notes.extend(report.notes.iter().map(of_all));
+        self.add_seconds(report.seconds);
+        Ok(())
+    }
+
+    fn add_seconds(&mut self, seconds: StageSeconds) {
+        for (stage, seconds) in seconds {
+            match self.seconds.iter_mut().find(|(known, _)| *known == stage) {
+                Some((_, sum)) => *sum += seconds,
+                None => self.seconds.push((stage, seconds)),
+            }
+        }
+    }
+
+    /// The part of the progress of the whole bake that `object` has; `None` for the levels that stand for all objects.
+    pub fn progress<'s>(&self, object: Option<&ObjectSource>, sink: &'s dyn ProgressSink) -> ObjectProgress<'s> {
+        let kinds = self.scene.kinds().len();
+        let share = 1.0 / (kinds + usize::from(!self.settings.whole.0.is_empty())) as f32;
+        ObjectProgress { sink, begin: object.map_or(kinds, |object| object.kind) as f32 * share, share }
     }
 
     /// The scene with the levels of all objects.
@@ -147,13 +187,13 @@ impl SceneBake {
     /// # Errors
     /// [`Error::Limit`] above 4 GiB.
     pub fn finish(self) -> Result<Baked, Error> {
-        let Self { scene, settings, reports, notes, seconds, .. } = self;
+        let Self { scene, settings, reports, whole, notes, seconds, .. } = self;
         let source_faces = scene.kinds().iter().map(|kind| kind.faces * u64::from(kind.instances)).sum();
         let glb = scene.finish(settings.source == SourceGeometry::Keep, PIPELINE_VERSION)?;
         let objects: Vec<ObjectReport> = reports.into_iter().flatten().collect();
-        let has_levels = objects.iter().any(|object| !object.levels.is_empty());
+        let has_levels = !whole.is_empty() || objects.iter().any(|object| !object.levels.is_empty());
         let status = if has_levels { Status::Baked } else { Status::SmallEnough };
-        let report = Report { status, source_faces, levels: Vec::new(), objects, notes, seconds };
+        let report = Report { status, source_faces, levels: whole, objects, notes, seconds };
         Ok(Baked { glb, levels: Vec::new(), model: None, report })
     }
 }
@@ -172,24 +212,21 @@ impl ProgressSink for ObjectProgress<'_> {
     }
 }
 
-/// The settings of an object of so many triangles. `None` for one that is too small for levels. Settings that concern the
-/// scene are the built-in ones, so that objects of all scenes have the same keys.
+/// Settings without those that concern the scene: they are the built-in ones, so that objects of all scenes have the same
+/// keys. The scene has the meshes of its own.
+fn without_scene(settings: &BakeSettings) -> BakeSettings {
+    let BakeSettings { objects, object_faces, object_rules, whole, .. } = BakeSettings::default();
+    let (scope, source) = (Scope::Scene, SourceGeometry::Drop);
+    BakeSettings { scope, objects, object_faces, object_rules, whole, source, ..settings.clone() }
+}
+
+/// The settings of an object of so many triangles. `None` for one that is too small for levels.
 fn object_settings(settings: &BakeSettings, faces: u64) -> Option<BakeSettings> {
     if faces < u64::from(settings.object_faces) {
         return None;
     }
-    let built_in = BakeSettings::default();
     let faces = if settings.targets.is_empty() { budgets(&settings.faces, faces) } else { settings.faces.clone() };
-    (!faces.is_empty()).then(|| BakeSettings {
-        scope: Scope::Scene,
-        objects: built_in.objects,
-        object_faces: built_in.object_faces,
-        object_rules: built_in.object_rules,
-        // The scene has the object's own mesh.
-        source: SourceGeometry::Drop,
-        faces,
-        ..settings.clone()
-    })
+    (!faces.is_empty()).then(|| BakeSettings { faces, ..without_scene(settings) })
 }
 
 /// The budgets of an object of so many triangles, ascending: at most those that were asked for, and at most half of the next.

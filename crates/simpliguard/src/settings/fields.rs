@@ -3,6 +3,7 @@
 use serde::de::{Error as _, MapAccess};
 use serde::{Deserialize, Serialize};
 
+use super::budgets::Budgets;
 use super::choices::{
     Candidates, ExistingLods, InitialTexture, JointSplitting, MorphTargets, OnMiss, Quality, Resolution, Scope,
     SkinTransfer, SourceGeometry, TextureSolver,
@@ -184,6 +185,10 @@ settings! {
     /// Settings of objects by the names of their nodes, with `scope: Objects`:
     /// `[(node: "Rock*", settings: (faces: [100, 300]))]`. Later rules win.
     object_rules: Vec<ObjectRule> = always(Vec::new()), Limit::None;
+    /// Largest numbers of triangles of levels that stand for all objects at once, with `scope: Objects`: `[1000]`. Seen
+    /// from afar, one mesh of the whole file replaces the levels of its objects. It is baked again when anything in the
+    /// file moves.
+    whole: Budgets = always(Budgets::default()), Limit::Between(4.0, 1e6);
     /// Cells of the reconstruction along the longest side of the model.
     resolution: Resolution = always(Resolution::Auto), Limit::Between(32.0, 512.0);
     /// Cells of the finest reconstruction that `resolution: Auto` generates. One of more than 256 cells is generated

@@ -16,15 +16,16 @@ impl ObjectRule {
 
     /// Tells whether all fields that are set concern an object, and not the scene around it.
     fn is_of_an_object(&self) -> bool {
-        let BakeOverrides { scope, objects, object_rules, source, existing_lods, .. } = &self.settings;
-        scope.is_none() && objects.is_none() && object_rules.is_none() && source.is_none() && existing_lods.is_none()
+        let BakeOverrides { scope, objects, object_rules, whole, source, existing_lods, .. } = &self.settings;
+        let divides = scope.is_some() || objects.is_some() || object_rules.is_some() || whole.is_some();
+        !divides && source.is_none() && existing_lods.is_none()
     }
 }
 
 impl Value for Vec<ObjectRule> {
     fn accepts(_: Limit) -> String {
         format!(
-            "at most {MOST} of (node: \"glob\", settings: (..)), without scope, objects, object_rules, source and existing_lods"
+            "at most {MOST} of (node: \"glob\", settings: (..)), without scope, objects, object_rules, whole, source and existing_lods"
         )
     }
 

@@ -4,7 +4,7 @@ use serde_json::{Value, json};
 
 /// A glTF with one buffer.
 pub(super) struct Glb {
-    json: Value,
+    pub(super) json: Value,
     bin: Vec<u8>,
 }
 

@@ -3,6 +3,7 @@
 use std::sync::{Arc, Mutex};
 
 use bevy::asset::LoadContext;
+use bevy::camera::visibility::VisibilityRange;
 use bevy::gltf::extensions::{ErasedGltfExtensionHandler, GltfExtensionHandler, GltfExtensionHandlers};
 use bevy::gltf::{GltfMaterial, GltfPlugin};
 use bevy::prelude::*;
@@ -104,6 +105,72 @@ fn levels_hang_below_their_object_and_share_its_meshes() {
             assert_eq!(part.get::<LodMember>().map(|member| member.group), Some(*entity));
         }
     }
+}
+
+/// The village, and beyond it a level that stands for all its houses and the stone.
+fn village_with_whole() -> (TestApp, Entity) {
+    let mut nodes = village().json["nodes"].as_array().expect("nodes").clone();
+    let mut whole = level(1, 4, 0.02, &[0, 1, 2, 3]);
+    whole["extras"]["simpliguard"]["whole"] = json!(true);
+    whole["name"] = json!("whole");
+    nodes.push(whole);
+    let mut app = TestApp::new();
+    let file = village().mesh(([-3.0, -3.0, -3.0], [2003.0, 3.0, 3.0]), 1, 0).set("nodes", json!(nodes));
+    app.add_file("village.glb", file.bytes());
+    let root = app.spawn("village.glb", 0, Vec3::ZERO);
+    (app, root)
+}
+
+/// What is seen of the mesh of a node: nothing, a part, or everything.
+fn shown(app: &mut TestApp, name: &str) -> &'static str {
+    let entity = named(app, name);
+    let mesh = app.world().get::<Children>(entity).map(|children| children[0]).unwrap_or(entity);
+    let range = app.world().get::<VisibilityRange>(mesh).expect("is in a group");
+    let is_part = range.start_margin.end > 0.0 || range.end_margin.start < 0.0;
+    if range.is_culled(1.0) {
+        "nothing"
+    } else if is_part {
+        "a part"
+    } else {
+        "everything"
+    }
+}
+
+#[test]
+fn one_level_stands_for_all_objects_from_afar() {
+    let (mut app, root) = village_with_whole();
+    let camera = app.camera(Vec3::ZERO);
+    let seen = |app: &mut TestApp| {
+        let houses = ["first", "mirrored", "large"].map(|name| {
+            let entity = named(app, name);
+            let group = app.world().get::<LodGroup>(entity).expect("levels").clone();
+            let parts = group.levels.iter().flat_map(|level| &level.primitives);
+            parts.filter(|p| !app.world().get::<VisibilityRange>(p.entity).expect("a range").is_culled(1.0)).count()
+        });
+        let [stone, whole] = ["stone", "whole.0"].map(|name| shown(app, name));
+        (houses, stone, whole, app.lods(root).current)
+    };
+    app.place(camera, Vec3::ZERO);
+    assert_eq!(seen(&mut app), ([1, 1, 1], "everything", "nothing", 0));
+    // The diagonal is 2,006 units; its fiftieth is a pixel from 20,000 units on, where the fade begins.
+    app.place(camera, Vec3::Y * 22_050.0);
+    let (houses, stone, whole, _) = seen(&mut app);
+    assert_eq!((houses, stone, whole), ([1, 1, 1], "a part", "a part"));
+    app.place(camera, Vec3::Y * 40_000.0);
+    assert_eq!(seen(&mut app), ([0, 0, 0], "nothing", "everything", 1));
+    // A part that is hidden is missing in no level of its own.
+    let first = named(&mut app, "first");
+    app.world().entity_mut(first).insert(Visibility::Hidden);
+    app.place(camera, Vec3::Y * 40_000.0);
+    assert_eq!(seen(&mut app), ([1, 1, 1], "everything", "nothing", 0));
+    app.world().entity_mut(first).insert(Visibility::Inherited);
+    app.place(camera, Vec3::Y * 40_000.0);
+    assert_eq!(seen(&mut app).3, 1);
+    // A level that is forced is one of the objects.
+    app.world().get_mut::<SimpliguardLods>(root).expect("levels").force = Some(1);
+    app.place(camera, Vec3::Y * 40_000.0);
+    assert_eq!(seen(&mut app), ([1, 1, 1], "everything", "nothing", 0));
+    assert_eq!(current(&mut app), [1, 1, 1]);
 }
 
 #[test]

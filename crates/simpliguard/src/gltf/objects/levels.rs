@@ -92,6 +92,26 @@ impl Levels {
         ids.first().copied()
     }
 
+    /// Writes the nodes of levels that stand for all objects. Nodes have the same numbers in the scene and in the file that
+    /// the levels come from.
+    pub(super) fn place_whole(&self, scene: &mut Builder, mesh_nodes: &[usize], version: &str) {
+        let nodes = (0..scene.all(Kind::Node).len()).collect();
+        let Some(&holder) = mesh_nodes.first() else { return };
+        let whole = Object { holder, anchor: None, nodes, mesh_nodes: mesh_nodes.to_vec(), owns_subtree: false };
+        for level in &self.levels {
+            let mut node = level.node(scene, &whole, version);
+            node["name"] = json!(format!("Whole LOD{}", level.stamp.level));
+            if let Some(stamp) = node.pointer_mut("/extras/simpliguard").and_then(Value::as_object_mut) {
+                stamp.remove("object");
+                stamp.insert("whole".into(), json!(true));
+            }
+            let node = scene.push(Kind::Node, node);
+            if let Some(driver) = level.stamp.morphs {
+                copy_weight_channels(scene, driver, &[node]);
+            }
+        }
+    }
+
     /// The least screen coverage of the source and of each level: fraction of the screen that the bounding sphere covers
     /// where the error of the next level is one pixel. The last is never left.
     fn coverages(&self) -> Vec<f64> {
@@ -203,6 +223,19 @@ mod tests {
         let chair = &scene.all(Kind::Node)[0];
         assert_eq!(chair["extensions"]["MSFT_lod"]["ids"], json!([1]));
         assert_eq!(chair["extras"], json!({ "cost": 5, "MSFT_screencoverage": [0.00379, 0.0] }));
+    }
+
+    #[test]
+    fn a_level_of_the_whole_belongs_to_no_object() {
+        let mut scene = Builder::new("test");
+        scene.push(Kind::Node, json!({ "mesh": 0, "translation": [1, 2, 3] }));
+        scene.push(Kind::Node, json!({ "mesh": 1 }));
+        levels(&[0.01]).place_whole(&mut scene, &[0, 1], "7");
+        let stamp = json!({ "version": "7", "level": 1, "budget": 9, "faces": 8, "error": 0.01, "replaces": [0, 1],
+            "whole": true });
+        assert_eq!(scene.all(Kind::Node).len(), 3);
+        let level = json!({ "name": "Whole LOD1", "mesh": 0, "extras": { "simpliguard": stamp } });
+        assert_eq!(scene.all(Kind::Node)[2], level);
     }
 
     #[test]

@@ -23,6 +23,10 @@ pub(crate) struct ObjectScene {
     /// Each instance, and its kind.
     instances: Vec<(Object, usize)>,
     kinds: Vec<ObjectKind>,
+    /// The nodes with meshes.
+    mesh_nodes: Vec<usize>,
+    /// The levels that stand for all of them.
+    whole: Levels,
     pub(crate) has_levels: bool,
 }
 
@@ -77,7 +81,7 @@ impl ObjectScene {
             kinds[kind].instances += 1;
             instances.push((object, kind));
         }
-        Ok(Self { out, old_levels, instances, kinds, has_levels })
+        Ok(Self { out, old_levels, instances, kinds, mesh_nodes, whole: Levels::default(), has_levels })
     }
 
     /// The kinds of objects, in the order of their first instances.
@@ -103,6 +107,15 @@ impl ObjectScene {
         Ok(())
     }
 
+    /// Takes the levels that stand for all objects out of the baked file of the whole scene.
+    ///
+    /// # Errors
+    /// If the file is none that the export writes.
+    pub(crate) fn take_whole(&mut self, glb: &[u8]) -> Result<(), Error> {
+        self.whole = Levels::take(&mut self.out, "Whole", glb)?;
+        Ok(())
+    }
+
     /// Shows the levels of `other`, whose file is the same.
     pub(crate) fn share(&mut self, kind: usize, other: usize) {
         self.kinds[kind].shown = other;
@@ -125,6 +138,7 @@ impl ObjectScene {
                 replaced.extend(&object.mesh_nodes);
             }
         }
+        self.whole.place_whole(&mut self.out, &self.mesh_nodes, version);
         if let (false, Some(finest)) = (keep_source, finest) {
             replaced.extend(hierarchy::descendants(&self.out, &self.old_levels));
             replaced.sort_unstable();

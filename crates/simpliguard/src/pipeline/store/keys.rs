@@ -38,7 +38,8 @@ pub fn bake_key(source: &Source<'_>, settings: &BakeSettings) -> Result<Key, Err
         Scope::Scene => key,
         Scope::Objects => {
             let key = key.params(&(settings.scope, &settings.objects, settings.object_faces));
-            if settings.object_rules.is_empty() { key } else { key.params(&settings.object_rules) }
+            let key = if settings.object_rules.is_empty() { key } else { key.params(&settings.object_rules) };
+            if settings.whole.0.is_empty() { key } else { key.params(&("whole", &settings.whole)) }
         }
     };
     Ok(key.finish())
@@ -164,7 +165,7 @@ mod tests {
     use super::*;
     use crate::data::{Reconstruction, TextureFormat};
     use crate::pipeline::texture_sizes::LevelView;
-    use crate::settings::SourceGeometry;
+    use crate::settings::{Budgets, SourceGeometry};
     use crate::simplify::{CollapseParams, SimplifyParams};
     use crate::{NoResources, RelativeUri, Resources};
 
@@ -282,6 +283,8 @@ mod tests {
         let few = BakeSettings { scope: Scope::Objects, ..few };
         let [divided, few] = [divided, few].map(|settings| key("a.gltf", &OneFile(b"1234"), &settings));
         assert!(divided != base && few != divided);
+        let with_whole = BakeSettings { scope: Scope::Objects, whole: Budgets(vec![9]), ..BakeSettings::default() };
+        assert_ne!(divided, key("a.gltf", &OneFile(b"1234"), &with_whole));
     }
 
     #[test]
