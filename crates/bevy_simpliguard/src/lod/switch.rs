@@ -137,11 +137,22 @@ impl Cameras<'_, '_> {
     }
 }
 
-/// The mesh entities of all groups.
+/// All groups and their mesh entities.
 #[derive(SystemParam)]
 pub(super) struct Members<'w, 's> {
+    groups: Query<'w, 's, &'static LodGroup>,
     visibility: Query<'w, 's, &'static InheritedVisibility>,
     ranges: Query<'w, 's, &'static mut VisibilityRange>,
+}
+
+impl Members<'_, '_> {
+    /// Tells whether a part of what a group stands for is hidden. Only meaningful while the group as a whole is shown.
+    fn is_cut(&self, group: &LodGroup) -> bool {
+        let objects = group.objects.iter().filter_map(|object| self.groups.get(*object).ok());
+        let sources = objects.chain([group]).filter_map(|group| group.levels.first().filter(|level| level.level == 0));
+        let mut parts = sources.flat_map(|level| &level.primitives);
+        parts.any(|part| self.visibility.get(part.entity).is_ok_and(|v| !v.get()))
+    }
 }
 
 /// Selects the level of each group and shows it. Levels that stand for all objects of a scene come first: what they show
@@ -150,7 +161,6 @@ pub(super) fn switch_levels(
     settings: Res<'_, LodSettings>,
     mut cameras: Cameras<'_, '_>,
     mut groups: Query<'_, '_, (&LodGroup, &mut LodState, &GlobalTransform, Option<Ref<'_, InheritedVisibility>>)>,
-    all_groups: Query<'_, '_, &LodGroup>,
     mut lods: Query<'_, '_, &mut SimpliguardLods>,
     mut members: Members<'_, '_>,
 ) {
@@ -166,8 +176,7 @@ pub(super) fn switch_levels(
             let is_shown = shown.as_ref().is_none_or(|v| v.get());
             if state.is_source_changed || shown.is_some_and(|v| v.is_changed()) {
                 state.is_source_changed = false;
-                let mut parts = group.objects.iter().filter_map(|object| all_groups.get(*object).ok()).chain([group]);
-                state.is_source_cut = is_shown && parts.any(|part| is_cut(&part.levels, &members.visibility));
+                state.is_source_cut = is_shown && members.is_cut(group);
             }
             let is_fresh = state.choice.is_none() || settings.is_changed();
             if is_fresh {
@@ -197,13 +206,6 @@ pub(super) fn switch_levels(
 fn view((camera, transform): (&Camera, &GlobalTransform)) -> Option<View> {
     let height = camera.physical_viewport_size().filter(|_| camera.is_active)?.y;
     Some(View::new(transform.translation(), camera.clip_from_view(), height as f32))
-}
-
-/// Tells whether a part of the source is hidden. Only meaningful while the group as a whole is shown.
-fn is_cut(levels: &[LodLevel], visibility: &Query<'_, '_, &InheritedVisibility>) -> bool {
-    let source = levels.first().filter(|level| level.level == 0);
-    let mut parts = source.into_iter().flat_map(|level| &level.primitives);
-    parts.any(|part| visibility.get(part.entity).is_ok_and(|v| !v.get()))
 }
 
 /// What a game wants of a group.
