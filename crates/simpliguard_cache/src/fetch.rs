@@ -8,11 +8,8 @@ use std::time::{Duration, Instant};
 
 use crate::flight::Flight;
 use crate::record::Entry;
-use crate::requests::LOOK;
+use crate::requests::{HEAD_START, LOOK};
 use crate::shared::Shared;
-
-/// Time that the tier has for its answers before the result is made here meanwhile.
-pub(crate) const HEAD_START: Duration = Duration::from_millis(700);
 
 /// A look-up in the shared tier, on a thread of its own. If the tier hangs, the thread does, and nobody waits for it.
 pub(crate) struct Fetch {

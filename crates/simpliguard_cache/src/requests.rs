@@ -20,6 +20,8 @@ use crate::tier::{Damaged, Fault, There, Tier};
 const PART: u64 = 4 << 20;
 /// Time between two looks at the caller's cancellation.
 pub(crate) const LOOK: Duration = Duration::from_millis(50);
+/// Time that a tier has for its answers before the result is made here meanwhile.
+pub(crate) const HEAD_START: Duration = Duration::from_millis(700);
 
 /// The time that a request may take.
 #[derive(Clone, Copy, Debug)]

@@ -14,10 +14,9 @@ use simpliguard_key::Key;
 
 use crate::counters::{Tally, add};
 use crate::error::StorageError;
-use crate::fetch::HEAD_START;
 use crate::flight::{Check, Flight};
 use crate::record::Entry;
-use crate::requests::{Failure, Found, Patience, Requests};
+use crate::requests::{Failure, Found, HEAD_START, Patience, Requests};
 use crate::signature::Trust;
 use crate::tier::{Damaged, There, Tier};
 
