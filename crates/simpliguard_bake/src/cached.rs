@@ -133,23 +133,15 @@ impl<'a> CachedBake<'a> {
         };
         while let Some(object) = host.compute(|| catch_panics(asset, || scene.next_object()))? {
             context.check(asset)?;
-            let progress = context.progress.map(|sink| scene.progress(Some(&object), sink));
+            let progress = context.progress.map(|sink| scene.progress(&object, sink));
             let progress = progress.as_ref().map(|progress| progress as &dyn ProgressSink);
             let own = Context { progress, preview: None, ..context.clone() };
-            let outcome = CachedBake::new(object.source(), &object.settings, Parts::Combined, self.cache)
+            let outcome = CachedBake::new(object.source(&self.source), &object.settings, Parts::Combined, self.cache)
                 .and_then(|bake| bake.find_or_make(&own, &ObjectHost(host), |own| bake.bake(own, host)));
-            outcome.iter().for_each(|outcome| host.object(&object.name, outcome.is_cached));
+            let is_object = |_: &&Outcome| object.is_object();
+            outcome.iter().filter(is_object).for_each(|outcome| host.object(&object.name, outcome.is_cached));
             let result = outcome.map(|Outcome { result, .. }| (result.combined, result.report));
             host.compute(|| catch_panics(asset, || scene.take(&object, result)))?;
-        }
-        if let Some(settings) = scene.whole_settings() {
-            let progress = context.progress.map(|sink| scene.progress(None, sink));
-            let progress = progress.as_ref().map(|progress| progress as &dyn ProgressSink);
-            let own = Context { progress, preview: None, ..context.clone() };
-            let outcome = CachedBake::new(self.source, &settings, Parts::Combined, self.cache)
-                .and_then(|bake| bake.find_or_make(&own, &ObjectHost(host), |own| bake.bake(own, host)));
-            let result = outcome.map(|Outcome { result, .. }| (result.combined, result.report));
-            host.compute(|| catch_panics(asset, || scene.take_whole(result)))?;
         }
         let baked = host.compute(|| catch_panics(asset, || scene.finish()))?;
         Ok(BakeResult { combined: baked.glb, levels: Vec::new(), sheet: None, report: baked.report })

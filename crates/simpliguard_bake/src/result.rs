@@ -190,7 +190,6 @@ fn run_pipeline(
 #[cfg(test)]
 mod tests {
     use simpliguard::Status;
-
     use simpliguard::gltf::binary;
 
     use super::*;

@@ -160,15 +160,11 @@ impl GltfExtensionHandler for LodHandler {
         // The entities of all sources are found before levels become their neighbours.
         let of_objects = || groups.iter().map(|(group, _)| *group).filter(|group| group.of == Of::Object);
         let replaced: BTreeSet<usize> = of_objects().flat_map(|group| group.replaces.iter().copied()).collect();
-        let sources: Vec<_> = groups.iter().map(|(group, _)| builder.source(group, &replaced)).collect();
         let objects: Vec<Entity> = of_objects().map(|group| builder.entities[&group.holder]).collect();
+        let sources: Vec<_> = groups.iter().map(|(group, _)| builder.source(group, &replaced)).collect();
         for ((group, bounds), source) in groups.into_iter().zip(sources) {
-            builder.build(group, bounds, source);
-            if group.of == Of::AllObjects
-                && let Some(mut all) = builder.world.get_mut::<LodGroup>(root)
-            {
-                all.objects.clone_from(&objects);
-            }
+            let objects = if group.of == Of::AllObjects { objects.clone() } else { Vec::new() };
+            builder.build(group, bounds, source, objects);
         }
     }
 }
@@ -211,7 +207,7 @@ struct Place<'a> {
 }
 
 impl SceneBuilder<'_, '_> {
-    fn build(&mut self, file: &FileGroup, bounds: Bounds, source: Option<LodLevel>) {
+    fn build(&mut self, file: &FileGroup, bounds: Bounds, source: Option<LodLevel>, objects: Vec<Entity>) {
         let entity = |node: usize| self.entities[&node];
         let place = Place {
             file,
@@ -232,7 +228,7 @@ impl SceneBuilder<'_, '_> {
             }
         }
         let (center, radius) = self.sphere(place, bounds);
-        self.world.entity_mut(place.group).insert(LodGroup { center, radius, levels, objects: Vec::new() });
+        self.world.entity_mut(place.group).insert(LodGroup { center, radius, levels, objects });
     }
 
     /// Centre and radius of the bounding sphere in the space of the group's entity, in the rest pose.

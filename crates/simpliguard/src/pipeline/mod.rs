@@ -69,17 +69,11 @@ fn bake_objects(source: &Source<'_>, settings: &BakeSettings, context: &Context<
         return bake_whole(source, settings, context);
     };
     while let Some(object) = scene.next_object()? {
-        let progress = context.progress.map(|sink| scene.progress(Some(&object), sink));
+        let progress = context.progress.map(|sink| scene.progress(&object, sink));
         let progress = progress.as_ref().map(|progress| progress as &dyn ProgressSink);
         let context = Context { progress, preview: None, ..context.clone() };
-        let baked = bake_whole(&object.source(), &object.settings, &context);
+        let baked = bake_whole(&object.source(source), &object.settings, &context);
         scene.take(&object, baked.map(|baked| (baked.glb, baked.report)))?;
-    }
-    if let Some(settings) = scene.whole_settings() {
-        let progress = context.progress.map(|sink| scene.progress(None, sink));
-        let progress = progress.as_ref().map(|progress| progress as &dyn ProgressSink);
-        let baked = bake_whole(source, &settings, &Context { progress, preview: None, ..context.clone() });
-        scene.take_whole(baked.map(|baked| (baked.glb, baked.report)))?;
     }
     scene.finish()
 }

@@ -29,26 +29,43 @@ pub struct SceneBake {
     built: HashMap<Key, usize>,
     /// The report of each kind that has one.
     reports: Vec<Option<ObjectReport>>,
-    /// The reports of the levels that stand for all objects.
+    /// The settings of the levels that stand for all objects, until they are baked.
+    whole_settings: Option<BakeSettings>,
+    /// The reports of these levels.
     whole: Vec<LevelReport>,
     notes: Vec<String>,
     seconds: StageSeconds,
 }
 
-/// An object to bake.
+/// An object to bake, or the whole scene.
 pub struct ObjectSource {
     /// Its name in messages: that of the scene file and that of the object.
     pub name: String,
     /// Its settings.
     pub settings: BakeSettings,
-    glb: Vec<u8>,
-    kind: usize,
+    part: Part,
+}
+
+/// What a bake of a scene consists of.
+enum Part {
+    /// A kind of objects, and the file of one instance.
+    Kind(usize, Vec<u8>),
+    /// The levels that stand for all objects. They are baked from the scene file itself.
+    Whole,
 }
 
 impl ObjectSource {
-    /// The input of its bake.
-    pub fn source(&self) -> Source<'_> {
-        Source { name: &self.name, bytes: &self.glb, resources: &NoResources }
+    /// The input of its bake. `scene` is that of the scene.
+    pub fn source<'s>(&'s self, scene: &Source<'s>) -> Source<'s> {
+        match &self.part {
+            Part::Kind(_, glb) => Source { name: &self.name, bytes: glb, resources: &NoResources },
+            Part::Whole => *scene,
+        }
+    }
+
+    /// True for an object, false for the whole scene.
+    pub fn is_object(&self) -> bool {
+        matches!(self.part, Part::Kind(..))
     }
 }
 
@@ -78,13 +95,15 @@ impl SceneBake {
             next: 0,
             built: HashMap::new(),
             reports,
+            whole_settings: whole_settings(settings),
             whole: Vec::new(),
             notes: Vec::new(),
             seconds: Vec::new(),
         }))
     }
 
-    /// The next object to bake. Small ones and those that equal an earlier one are left out. `None` after the last.
+    /// The next object to bake; behind all objects the whole scene, if levels are to stand for all of them. Small objects and
+    /// those that equal an earlier one are left out. `None` after the last.
     ///
     /// # Errors
     /// [`Error::Limit`] for an object above 4 GiB.
@@ -103,9 +122,14 @@ impl SceneBake {
                 self.reports[first].iter_mut().for_each(|report| report.instances += instances);
                 continue;
             }
-            return Ok(Some(ObjectSource { name: format!("{}: {name}", self.asset), settings, glb, kind }));
+            let name = format!("{}: {name}", self.asset);
+            return Ok(Some(ObjectSource { name, settings, part: Part::Kind(kind, glb) }));
         }
-        Ok(None)
+        Ok(self.whole_settings.take().map(|settings| ObjectSource {
+            name: self.asset.clone(),
+            settings,
+            part: Part::Whole,
+        }))
     }
 
     /// Takes the result of a bake: binary glTF and its report. An object that cannot be baked keeps its own mesh, and the
@@ -118,68 +142,55 @@ impl SceneBake {
             Ok(result) => result,
             Err(error @ (Error::Cancelled { .. } | Error::Settings(_))) => return Err(error),
             Err(error) => {
-                self.notes.push(format!("an object gets no levels: {error}"));
+                let what =
+                    if object.is_object() { "an object gets no levels" } else { "no level stands for all objects" };
+                self.notes.push(format!("{what}: {error}"));
                 return Ok(());
             }
         };
-        if report.status == Status::Baked {
-            self.scene.take_levels(object.kind, &glb)?;
+        self.add_seconds(&report.seconds);
+        let is_baked = report.status == Status::Baked;
+        match object.part {
+            Part::Kind(kind, _) => self.take_kind(kind, is_baked.then_some(glb), report),
+            Part::Whole => self.take_whole(is_baked.then_some(glb), report),
         }
-        self.add_seconds(report.seconds);
-        let found = &self.scene.kinds()[object.kind];
+    }
+
+    fn take_kind(&mut self, kind: usize, glb: Option<Vec<u8>>, report: Report) -> Result<(), Error> {
+        glb.map_or(Ok(()), |glb| self.scene.take_levels(kind, &glb))?;
+        let found = &self.scene.kinds()[kind];
         self.notes.extend(report.notes.iter().map(|note| format!("{}: {note}", found.name)));
         let (name, instances) = (found.name.clone(), found.instances);
         let report = ObjectReport { name, instances, source_faces: report.source_faces, levels: report.levels };
-        self.reports[object.kind] = Some(report);
+        self.reports[kind] = Some(report);
         Ok(())
     }
 
-    /// The settings of the levels that stand for all objects: they are baked from the scene file itself, after the objects.
-    /// `None` if there are to be none. All candidates compete, as few triangles cannot hold hundreds of surfaces apart.
-    pub fn whole_settings(&self) -> Option<BakeSettings> {
-        let (faces, targets, candidates) = (self.settings.whole.0.clone(), Vec::new(), Candidates::All);
-        let settings = || BakeSettings { faces, targets, candidates, ..without_scene(&self.settings) };
-        (!self.settings.whole.0.is_empty()).then(settings)
-    }
-
-    /// Takes the result of that bake, as [`take`](Self::take) does for an object.
-    ///
-    /// # Errors
-    /// Those of [`take`](Self::take).
-    pub fn take_whole(&mut self, result: Result<(Vec<u8>, Report), Error>) -> Result<(), Error> {
-        let (glb, report) = match result {
-            Ok(result) => result,
-            Err(error @ (Error::Cancelled { .. } | Error::Settings(_))) => return Err(error),
-            Err(error) => {
-                self.notes.push(format!("no level stands for all objects: {error}"));
-                return Ok(());
-            }
-        };
+    fn take_whole(&mut self, glb: Option<Vec<u8>>, report: Report) -> Result<(), Error> {
         let of_all = |text: &String| format!("all objects: {text}");
-        if report.status == Status::Baked {
-            self.scene.take_whole(&glb)?;
-            let with_name = |level: LevelReport| LevelReport { warning: level.warning.as_ref().map(of_all), ..level };
-            self.whole = report.levels.into_iter().map(with_name).collect();
-        }
         self.notes.extend(report.notes.iter().map(of_all));
-        self.add_seconds(report.seconds);
+        let Some(glb) = glb else { return Ok(()) };
+        self.scene.take_whole(&glb)?;
+        let with_name = |level: LevelReport| LevelReport { warning: level.warning.as_ref().map(of_all), ..level };
+        self.whole = report.levels.into_iter().map(with_name).collect();
         Ok(())
     }
 
-    fn add_seconds(&mut self, seconds: StageSeconds) {
+    fn add_seconds(&mut self, seconds: &StageSeconds) {
         for (stage, seconds) in seconds {
-            match self.seconds.iter_mut().find(|(known, _)| *known == stage) {
+            match self.seconds.iter_mut().find(|(known, _)| known == stage) {
                 Some((_, sum)) => *sum += seconds,
-                None => self.seconds.push((stage, seconds)),
+                None => self.seconds.push((stage.clone(), *seconds)),
             }
         }
     }
 
-    /// The part of the progress of the whole bake that `object` has; `None` for the levels that stand for all objects.
-    pub fn progress<'s>(&self, object: Option<&ObjectSource>, sink: &'s dyn ProgressSink) -> ObjectProgress<'s> {
+    /// The part of the progress of the whole bake that `object` has.
+    pub fn progress<'s>(&self, object: &ObjectSource, sink: &'s dyn ProgressSink) -> ObjectProgress<'s> {
         let kinds = self.scene.kinds().len();
         let share = 1.0 / (kinds + usize::from(!self.settings.whole.0.is_empty())) as f32;
-        ObjectProgress { sink, begin: object.map_or(kinds, |object| object.kind) as f32 * share, share }
+        let number = if let Part::Kind(kind, _) = object.part { kind } else { kinds };
+        ObjectProgress { sink, begin: number as f32 * share, share }
     }
 
     /// The scene with the levels of all objects.
@@ -218,6 +229,13 @@ fn without_scene(settings: &BakeSettings) -> BakeSettings {
     let BakeSettings { objects, object_faces, object_rules, whole, .. } = BakeSettings::default();
     let (scope, source) = (Scope::Scene, SourceGeometry::Drop);
     BakeSettings { scope, objects, object_faces, object_rules, whole, source, ..settings.clone() }
+}
+
+/// The settings of the levels that stand for all objects; `None` if there are to be none. All candidates compete, as few
+/// triangles cannot hold hundreds of surfaces apart.
+fn whole_settings(settings: &BakeSettings) -> Option<BakeSettings> {
+    let (faces, targets, candidates) = (settings.whole.0.clone(), Vec::new(), Candidates::All);
+    (!faces.is_empty()).then(|| BakeSettings { faces, targets, candidates, ..without_scene(settings) })
 }
 
 /// The settings of an object of so many triangles. `None` for one that is too small for levels.

@@ -4,6 +4,8 @@
 //! stored in the tier too. A tier that fails is left alone for a while, longer after each failure, and one that does not
 //! answer in time for good. It never stops a bake.
 
+mod pulse;
+
 use std::collections::BTreeSet;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::sync::{Arc, Mutex, PoisonError, mpsc};
@@ -12,6 +14,7 @@ use std::time::{Duration, Instant};
 
 use simpliguard_key::Key;
 
+pub(crate) use self::pulse::Pulse;
 use crate::counters::{Tally, add};
 use crate::error::StorageError;
 use crate::flight::{Check, Flight};
@@ -19,10 +22,6 @@ use crate::record::Entry;
 use crate::requests::{Failure, Found, HEAD_START, Patience, Requests};
 use crate::signature::Trust;
 use crate::tier::{Damaged, There, Tier};
-
-mod pulse;
-
-pub(crate) use pulse::Pulse;
 
 /// Time for which a tier that failed is left alone. It doubles with each failure, from the first value to the second.
 const PAUSES: [Duration; 2] = [Duration::from_secs(60), Duration::from_secs(960)];
