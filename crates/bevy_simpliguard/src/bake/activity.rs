@@ -133,6 +133,16 @@ impl ProcessorActivity {
         self.lock().get(path).is_some_and(|record| record.is_at(Lock::Claimed, now))
     }
 
+    /// Records that the processor looks at the source of a processed file again. If its last look has found nothing to do,
+    /// that is known now: the next reader of the source is not the second one of that look.
+    pub(super) fn looked_at(&self, path: &Path) {
+        self.update(path, |record| {
+            if let Some((lock @ Lock::Claimed, since)) = &mut record.lock {
+                (*lock, *since) = (Lock::Released, Instant::now());
+            }
+        });
+    }
+
     /// Records that the processor has the lock of a processed file.
     pub(super) fn held(&self, path: &Path) {
         self.update(path, |record| record.lock = Some((Lock::Held, Instant::now())));
@@ -208,7 +218,11 @@ mod tests {
         // A claim without a next step ends after a while.
         assert!(activity.claim(path, start) && !activity.claim(path, start) && activity.is_claimed(path, start));
         assert!(activity.is_free(path, soon()) && activity.claim(path, soon()));
+        // A second look of the processor ends the claim of the first, which may still be on its way to the lock.
+        activity.looked_at(path);
+        assert!(!activity.is_claimed(path, start) && !activity.claim(path, start) && activity.claim(path, soon()));
         activity.held(path);
+        activity.looked_at(path);
         assert!(!activity.is_free(path, soon()) && !activity.is_claimed(path, start));
         activity.released(path);
         assert!(!activity.is_free(path, start) && activity.is_free(path, soon()));

@@ -175,6 +175,10 @@ impl AssetReader for LateReader {
         let files = self.files.wait().await;
         let mut file = files.root_path().join(path).into_os_string();
         file.push(".meta");
+        if !self.is_processed {
+            // With the `.meta` begins a look of the processor at the source.
+            self.activity.looked_at(path);
+        }
         self.open(path, Path::new(&file), AssetReader::read_meta(files, path)).await
     }
 

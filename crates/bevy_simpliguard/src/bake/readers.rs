@@ -167,6 +167,16 @@ mod tests {
             activity.released(path);
             assert_eq!(second.join().expect("no panic"), 5);
         });
+        // The processor has found nothing to do, and looks again while the file is loaded.
+        activity.looked_at(path);
+        let (again, meta) = (source("a.glb"), activity.reading(path));
+        thread::scope(|scope| {
+            let again = scope.spawn(|| block_on(hash(again)));
+            thread::sleep(TICK * 3);
+            assert!(!again.is_finished());
+            drop(meta);
+            assert_eq!(again.join().expect("no panic"), 5);
+        });
     }
 
     #[test]
