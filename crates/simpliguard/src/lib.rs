@@ -43,7 +43,7 @@ pub use cancellation::Cancellation;
 pub use error::{Error, Printable, StageId};
 pub use pipeline::context::{Context, PreviewSink, Progress, ProgressSink, StageStore};
 pub use pipeline::params::Params;
-pub use pipeline::report::{LevelReport, LevelTopology, ObjectReport, Report, StageSeconds, Status};
+pub use pipeline::report::{LevelReport, LevelTopology, ObjectReport, OwnLevelReport, Report, StageSeconds, Status};
 pub use pipeline::scene::{ObjectProgress, ObjectSource, SceneBake};
 pub use pipeline::stage::{STAGES, Stage};
 pub use pipeline::store::{bake_key, is_stage_object};

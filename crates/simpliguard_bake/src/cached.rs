@@ -131,7 +131,7 @@ impl<'a> CachedBake<'a> {
         let Some(mut scene) = host.compute(|| catch_panics(asset, open))? else {
             return self.bake(context, host);
         };
-        while let Some(object) = host.compute(|| catch_panics(asset, || scene.next_object()))? {
+        while let Some(object) = host.compute(|| catch_panics(asset, || scene.next_object(context)))? {
             context.check(asset)?;
             let progress = context.progress.map(|sink| scene.progress(&object, sink));
             let progress = progress.as_ref().map(|progress| progress as &dyn ProgressSink);

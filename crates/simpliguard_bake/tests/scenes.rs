@@ -7,7 +7,9 @@ use std::collections::BTreeMap;
 
 use bytes::Bytes;
 use serde_json::{Value, json};
-use simpliguard::settings::{BakeOverrides, BakeSettings, Budgets, Candidates, ObjectRule, Quality, Scope};
+use simpliguard::settings::{
+    BakeOverrides, BakeSettings, Budgets, Candidates, ExistingLods, ObjectRule, Quality, Scope,
+};
 use simpliguard::{Context, RelativeUri, Report, Resources, Source, Status};
 use simpliguard_bake::{CachedBake, Host, Notice, Parts};
 use simpliguard_cache::Cache;
@@ -290,6 +292,61 @@ fn one_level_stands_for_the_whole_scene() {
     let again = bake_with(&moved, &cache, &with_whole);
     assert_eq!((again.baked.len(), again.found), (0, plain.baked.len()));
     assert_ne!(stamps(&again)[1]["error"], small["error"]);
+}
+
+/// Two rocks with a level of their own, and a bush with one of two meshes.
+fn with_own_levels() -> Scene {
+    let mut scene = Scene::default();
+    let [rock, simple, bush, half] = [(12, 3.0), (7, 3.0), (8, 5.0), (4, 5.0)].map(|(rings, b)| scene.ball(rings, b));
+    for copy in ["", ".001"] {
+        let x = 3 * scene.nodes.len();
+        for (level, mesh) in [rock, simple].into_iter().enumerate() {
+            scene.node(json!({ "name": format!("Rock_LOD{level}{copy}"), "mesh": mesh, "translation": [x, 0, 1] }));
+        }
+    }
+    scene.node(json!({ "name": "Bush", "mesh": bush, "translation": [0, 0, 9] }));
+    let halves = [0, 1].map(|_| scene.node(json!({ "mesh": half })));
+    scene.node(json!({ "name": "Bush_LOD1", "children": halves, "translation": [0, 0, 9] }));
+    scene
+}
+
+#[test]
+fn objects_keep_their_own_levels_and_get_smaller_ones() {
+    let dir = tempfile::tempdir().expect("tempdir");
+    let baked = bake(&with_own_levels(), &Cache::new(dir.path()));
+    assert_eq!(baked.baked, ["village.gltf: Rock_LOD0", "village.gltf: Bush"]);
+    for (rock, translation) in [(0, json!([0, 0, 1])), (2, json!([6, 0, 1]))] {
+        let levels = baked.levels_of(rock);
+        assert_eq!(levels.iter().map(|level| level.0).collect::<Vec<_>>(), [2, 1]);
+        assert_eq!((levels[0].1, &levels[0].2), (1, &translation), "the mesh of the file, in the place of the object");
+        assert!(baked.document["nodes"][rock + 1].get("mesh").is_none(), "it is not shown on top of its object");
+    }
+    assert_eq!(baked.levels_of(4).len(), 3);
+    assert!([5, 6].iter().all(|half: &usize| baked.document["nodes"][*half].get("mesh").is_none()));
+    let rock = &baked.report.objects[0];
+    assert_eq!((rock.instances, rock.levels.len(), rock.own_levels.len()), (2, 1, 1));
+    assert_eq!((rock.levels[0].budget, rock.own_levels[0].faces), (72, 196));
+    assert!((0.001..0.05).contains(&rock.own_levels[0].error), "{rock:?}");
+    let note = baked.report.notes.iter().find(|note| note.contains("own levels"));
+    assert!(note.is_some_and(|note| note.starts_with("1 of the file's own levels")), "{:?}", baked.report.notes);
+}
+
+#[test]
+fn own_levels_are_replaced_on_request() {
+    let dir = tempfile::tempdir().expect("tempdir");
+    let cache = Cache::new(dir.path());
+    let replace = BakeSettings { existing_lods: ExistingLods::Replace, ..settings() };
+    let baked = bake_with(&with_own_levels(), &cache, &replace);
+    assert_eq!((baked.levels_of(0).len(), baked.levels_of(2).len(), baked.levels_of(4).len()), (3, 3, 3));
+    assert!(baked.report.objects.iter().all(|object| object.own_levels.is_empty()));
+    assert!(baked.document["nodes"][1].get("mesh").is_none());
+    // They are no part of the surface of a whole scene either.
+    let baked =
+        bake_with(&with_own_levels(), &cache, &BakeSettings { scope: Scope::Scene, faces: vec![90], ..replace });
+    assert_eq!((baked.report.status, baked.report.source_faces), (Status::Baked, 2 * 552 + 240));
+    let level = |node: &&Value| node.pointer("/extras/simpliguard/replaces") == Some(&json!([0, 2, 4]));
+    assert_eq!(baked.document["nodes"].as_array().expect("nodes").iter().filter(level).count(), 1);
+    assert!([1, 3, 5, 6].iter().all(|node: &usize| baked.document["nodes"][*node].get("mesh").is_none()));
 }
 
 #[test]

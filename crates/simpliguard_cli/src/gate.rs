@@ -112,7 +112,13 @@ mod tests {
         assert!(line.starts_with("gate: a.glb: LOD2: likeness.psnr is 18.5, the bar is 20;"), "{line}");
         let mut scene = report(Some(18.5));
         let levels = std::mem::take(&mut scene.levels);
-        scene.objects.push(ObjectReport { name: "Chair".into(), instances: 3, source_faces: 99, levels });
+        scene.objects.push(ObjectReport {
+            name: "Chair".into(),
+            instances: 3,
+            source_faces: 99,
+            levels,
+            own_levels: Vec::new(),
+        });
         let line = gate.check(&scene, &BakeSettings::default()).expect("checked")[0].line("a.glb");
         assert!(line.starts_with("gate: a.glb: Chair: LOD2: likeness.psnr is 18.5"), "{line}");
     }

@@ -1,5 +1,6 @@
 //! Reading and writing of glTF.
 
+mod authored;
 mod export;
 mod glb;
 mod gpu_cost;
@@ -7,11 +8,12 @@ mod import;
 mod objects;
 mod uris;
 
+pub use authored::has_levels;
 pub(crate) use export::export_in;
 pub use export::{ExportParams, export, export_level};
 pub use glb::{binary, with_json};
 pub use gpu_cost::{GpuCost, encoded_image, gpu_cost, image_of_texture, texture_memory, textures_of_material};
 pub(crate) use import::import_in;
-pub use import::{ImportLimits, has_levels, import};
+pub use import::{ImportLimits, import};
 pub(crate) use objects::{ObjectScene, describe_scene};
 pub use uris::{check_binary, external_uris};

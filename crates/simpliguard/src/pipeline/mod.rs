@@ -17,6 +17,7 @@ mod level_whole;
 mod likeness;
 mod meter;
 mod overlap;
+mod own_levels;
 pub(crate) mod params;
 mod preview;
 pub(crate) mod report;
@@ -68,7 +69,7 @@ fn bake_objects(source: &Source<'_>, settings: &BakeSettings, context: &Context<
     let Some(mut scene) = SceneBake::open(source, settings, context)? else {
         return bake_whole(source, settings, context);
     };
-    while let Some(object) = scene.next_object()? {
+    while let Some(object) = scene.next_object(context)? {
         let progress = context.progress.map(|sink| scene.progress(&object, sink));
         let progress = progress.as_ref().map(|progress| progress as &dyn ProgressSink);
         let context = Context { progress, preview: None, ..context.clone() };

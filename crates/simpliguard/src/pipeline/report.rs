@@ -79,6 +79,26 @@ pub struct ObjectReport {
     pub source_faces: u64,
     /// One entry per level, budgets ascending. Empty if the object passes through.
     pub levels: Vec<LevelReport>,
+    /// The levels that the object came with and keeps, in falling detail. Their numbers follow those of `levels`.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub own_levels: Vec<OwnLevelReport>,
+}
+
+impl ObjectReport {
+    /// True if the object has levels, baked ones or its own.
+    pub fn has_levels(&self) -> bool {
+        !self.levels.is_empty() || !self.own_levels.is_empty()
+    }
+}
+
+/// A level that an object came with.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct OwnLevelReport {
+    /// Its triangles.
+    pub faces: u64,
+    /// Distance that 95 % of both surfaces, the object's and its own, stay within, as a fraction of the diagonal of the
+    /// object's bounding box.
+    pub error: f32,
 }
 
 /// A note on morph targets that levels leave out.

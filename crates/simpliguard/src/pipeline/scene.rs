@@ -9,7 +9,8 @@ use simpliguard_key::{Key, KeyBuilder};
 
 use super::baked::Baked;
 use super::context::{Context, Progress, ProgressSink};
-use super::report::{LevelReport, ObjectReport, Report, StageSeconds, Status};
+use super::own_levels;
+use super::report::{LevelReport, ObjectReport, OwnLevelReport, Report, StageSeconds, Status};
 use super::version::PIPELINE_VERSION;
 use crate::gltf::{ImportLimits, ObjectScene};
 use crate::settings::{BakeSettings, Candidates, ExistingLods, MatchingRules, RuleMatcher, Scope, SourceGeometry};
@@ -23,6 +24,8 @@ pub struct SceneBake {
     scene: ObjectScene,
     asset: String,
     settings: BakeSettings,
+    /// True if objects keep the levels that they came with.
+    keeps_levels: bool,
     /// Number of the next kind of objects.
     next: usize,
     /// The kinds whose files were built, by the hash of the file and the settings.
@@ -84,7 +87,8 @@ impl SceneBake {
         let rules = RuleMatcher::of(settings);
         let class = |name: &str| rules.find(name).bits();
         let scene = ObjectScene::read(source, &limits, (&settings.objects, class), &context.cancellation)?;
-        if scene.kinds().is_empty() || scene.has_levels && settings.existing_lods == ExistingLods::Keep {
+        let keeps_levels = settings.existing_lods == ExistingLods::Keep;
+        if scene.kinds().is_empty() || scene.is_baked && keeps_levels {
             return Ok(None);
         }
         let reports = scene.kinds().iter().map(|_| None).collect();
@@ -92,6 +96,7 @@ impl SceneBake {
             scene,
             asset: source.name.to_owned(),
             settings: settings.clone(),
+            keeps_levels,
             next: 0,
             built: HashMap::new(),
             reports,
@@ -106,30 +111,65 @@ impl SceneBake {
     /// those that equal an earlier one are left out. `None` after the last.
     ///
     /// # Errors
-    /// [`Error::Limit`] for an object above 4 GiB.
-    pub fn next_object(&mut self) -> Result<Option<ObjectSource>, Error> {
+    /// [`Error::Limit`] for an object above 4 GiB, and the error of a bake that was cancelled.
+    pub fn next_object(&mut self, context: &Context<'_>) -> Result<Option<ObjectSource>, Error> {
         while let Some(found) = self.scene.kinds().get(self.next) {
             let kind = self.next;
             self.next += 1;
             let settings = self.settings.with_object_rules(MatchingRules::from_bits(found.class));
-            let Some(settings) = object_settings(&settings, found.faces) else { continue };
-            let (name, instances) = (found.name.clone(), found.instances);
+            let (name, instances, faces) = (format!("{}: {}", self.asset, found.name), found.instances, found.faces);
+            let own = if self.keeps_levels { self.scene.build_own_levels(kind)? } else { Vec::new() };
+            let settings = object_settings(&settings, faces);
+            if settings.is_none() && own.is_empty() {
+                continue;
+            }
             let glb = self.scene.build(kind)?;
-            let content = KeyBuilder::new(PIPELINE_VERSION).input(&glb).input(settings.to_ron().as_bytes()).finish();
+            let text = settings.as_ref().map(BakeSettings::to_ron).unwrap_or_default();
+            let content = KeyBuilder::new(PIPELINE_VERSION).input(&glb).input(text.as_bytes());
+            let content = own.iter().fold(content, |content, level| content.input(level)).finish();
             let first = *self.built.entry(content).or_insert(kind);
             if first != kind {
                 self.scene.share(kind, first);
                 self.reports[first].iter_mut().for_each(|report| report.instances += instances);
                 continue;
             }
-            let name = format!("{}: {name}", self.asset);
-            return Ok(Some(ObjectSource { name, settings, part: Part::Kind(kind, glb) }));
+            let fewest = self.use_own_levels(kind, (&name, &glb), &own, context)?;
+            if let Some(settings) = settings.and_then(|settings| below(settings, fewest)) {
+                return Ok(Some(ObjectSource { name, settings, part: Part::Kind(kind, glb) }));
+            }
         }
         Ok(self.whole_settings.take().map(|settings| ObjectSource {
             name: self.asset.clone(),
             settings,
             part: Part::Whole,
         }))
+    }
+
+    /// Uses the levels that a kind of objects came with, as far as they fit. Returns the triangles of the smallest.
+    fn use_own_levels(
+        &mut self,
+        kind: usize,
+        (name, glb): (&str, &[u8]),
+        levels: &[Vec<u8>],
+        context: &Context<'_>,
+    ) -> Result<Option<u64>, Error> {
+        if levels.is_empty() {
+            return Ok(None);
+        }
+        self.scene.use_own_levels(kind, &own_levels::errors(name, glb, levels, context)?);
+        let found = &self.scene.kinds()[kind];
+        let own: Vec<OwnLevelReport> =
+            found.own_levels().map(|(faces, error)| OwnLevelReport { faces, error }).collect();
+        let fewest = own.iter().map(|level| level.faces).min();
+        let report = |_| ObjectReport {
+            name: found.name.clone(),
+            instances: found.instances,
+            source_faces: found.faces,
+            levels: Vec::new(),
+            own_levels: own,
+        };
+        self.reports[kind] = fewest.map(report);
+        Ok(fewest)
     }
 
     /// Takes the result of a bake: binary glTF and its report. An object that cannot be baked keeps its own mesh, and the
@@ -160,9 +200,17 @@ impl SceneBake {
         glb.map_or(Ok(()), |glb| self.scene.take_levels(kind, &glb))?;
         let found = &self.scene.kinds()[kind];
         self.notes.extend(report.notes.iter().map(|note| format!("{}: {note}", found.name)));
-        let (name, instances) = (found.name.clone(), found.instances);
-        let report = ObjectReport { name, instances, source_faces: report.source_faces, levels: report.levels };
-        self.reports[kind] = Some(report);
+        let own_levels = self.reports[kind].take().map(|report| report.own_levels).unwrap_or_default();
+        let fewest = own_levels.iter().map(|level| level.faces).min().unwrap_or(u64::MAX);
+        let mut levels = report.levels;
+        levels.retain(|level| u64::from(level.faces) < fewest);
+        self.reports[kind] = Some(ObjectReport {
+            name: found.name.clone(),
+            instances: found.instances,
+            source_faces: report.source_faces,
+            levels,
+            own_levels,
+        });
         Ok(())
     }
 
@@ -198,11 +246,18 @@ impl SceneBake {
     /// # Errors
     /// [`Error::Limit`] above 4 GiB.
     pub fn finish(self) -> Result<Baked, Error> {
-        let Self { scene, settings, reports, whole, notes, seconds, .. } = self;
+        let Self { scene, settings, reports, whole, mut notes, seconds, .. } = self;
+        let left_out = scene.levels_left_out;
+        if left_out > 0 && self.keeps_levels {
+            notes.push(format!(
+                "{left_out} of the file's own levels are left out: a level is one mesh without morph targets, of one object, with \
+                 its place, size and skin"
+            ));
+        }
         let source_faces = scene.kinds().iter().map(|kind| kind.faces * u64::from(kind.instances)).sum();
         let glb = scene.finish(settings.source == SourceGeometry::Keep, PIPELINE_VERSION)?;
         let objects: Vec<ObjectReport> = reports.into_iter().flatten().collect();
-        let has_levels = !whole.is_empty() || objects.iter().any(|object| !object.levels.is_empty());
+        let has_levels = !whole.is_empty() || objects.iter().any(ObjectReport::has_levels);
         let status = if has_levels { Status::Baked } else { Status::SmallEnough };
         let report = Report { status, source_faces, levels: whole, objects, notes, seconds };
         Ok(Baked { glb, levels: Vec::new(), model: None, report })
@@ -247,6 +302,15 @@ fn object_settings(settings: &BakeSettings, faces: u64) -> Option<BakeSettings> 
     (!faces.is_empty()).then(|| BakeSettings { faces, ..without_scene(settings) })
 }
 
+/// The settings of an object that has levels down to `fewest` triangles: budgets are at most half of that. `None` if no level
+/// is left to bake.
+fn below(mut settings: BakeSettings, fewest: Option<u64>) -> Option<BakeSettings> {
+    if settings.targets.is_empty() {
+        settings.faces.retain(|&budget| 2 * u64::from(budget) <= fewest.unwrap_or(u64::MAX));
+    }
+    (!settings.faces.is_empty()).then_some(settings)
+}
+
 /// The budgets of an object of so many triangles, ascending: at most those that were asked for, and at most half of the next.
 fn budgets(wanted: &[u32], faces: u64) -> Vec<u32> {
     let halve = |above: &mut u64, &budget: &u32| {
@@ -272,6 +336,15 @@ mod tests {
         assert_eq!(of(30), [15]);
         assert_eq!(of(23), [0; 0]);
         assert_eq!(budgets(&[3000, 4000], 100_000), [2000, 4000]);
+    }
+
+    #[test]
+    fn levels_are_baked_below_those_that_an_object_has() {
+        let settings = BakeSettings { faces: vec![500, 1000, 2000], ..BakeSettings::default() };
+        let of = |fewest| below(settings.clone(), fewest).map(|settings| settings.faces);
+        assert_eq!(of(None), Some(vec![500, 1000, 2000]));
+        assert_eq!(of(Some(2000)), Some(vec![500, 1000]));
+        assert_eq!(of(Some(999)), None);
     }
 
     #[test]

@@ -45,7 +45,7 @@ choice! {
 choice! {
     /// The treatment of a file that already has levels of detail.
     pub enum ExistingLods {
-        /// The file passes through unchanged.
+        /// The file passes through unchanged. With `scope: Objects`, each object keeps its levels and gets smaller ones.
         #[default]
         Keep,
         /// Its own levels are dropped, and new ones are made from the finest.

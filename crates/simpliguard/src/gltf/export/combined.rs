@@ -12,6 +12,7 @@ use super::skin::Binding;
 use super::textures::push_sampler;
 use super::{clips, embed, hierarchy, prune};
 use crate::data::{Level, Model};
+use crate::gltf::authored::level_nodes;
 use crate::{Cancellation, Error};
 
 /// As [`export`](super::export), within a bake that may be cancelled. `version` is written to `asset.generator` and to
@@ -27,7 +28,11 @@ pub(crate) fn export_in(
     let encoded = encode(model, levels, &skins, cancellation)?;
     let mut out = embed::embed(&model.name, &model.document)?;
     out.stamp(version);
-    let old_levels = hierarchy::remove_lods(&mut out);
+    let mut old_levels = Vec::new();
+    if !levels.is_empty() {
+        old_levels.extend(level_nodes(out.all(Kind::Node)));
+        old_levels.extend(hierarchy::remove_lods(&mut out));
+    }
     let writer = Writer::new(&mut out, &skins, levels.len());
     let mut nodes = Vec::new();
     let mut morphing = Vec::new();
@@ -45,6 +50,7 @@ pub(crate) fn export_in(
         nodes.reverse();
         hierarchy::place_lods(&mut out, &model.document.mesh_nodes, &nodes);
     }
+    hierarchy::remove_levels(&mut out, &old_levels, nodes.first().copied());
     if let (false, Some(&finest)) = (params.keep_source, nodes.first()) {
         drop_source(&mut out, model, &old_levels, finest);
     }
@@ -69,7 +75,7 @@ fn extras(model: &Model, version: &str, k: usize, level: &Level, encoded: &Encod
 
 /// Removes the source's meshes, and everything that only they use. The node `finest` stays in place of lost channels.
 fn drop_source(out: &mut Builder, model: &Model, old_levels: &[usize], finest: usize) {
-    let mut dropped = hierarchy::descendants(out, old_levels);
+    let mut dropped = old_levels.to_vec();
     dropped.extend(&model.document.mesh_nodes);
     hierarchy::remove_meshes(out, &dropped);
     clips::drop_lost_channels(out, |node| !dropped.contains(&node), finest);

@@ -3,6 +3,7 @@
 use serde_json::{Value, json};
 
 use super::builder::{Builder, Kind, indices};
+use super::clips;
 
 /// Transform properties of a node.
 pub(in crate::gltf) const TRANSFORM: [&str; 4] = ["matrix", "translation", "rotation", "scale"];
@@ -176,6 +177,14 @@ pub(in crate::gltf) fn place_lods(out: &mut Builder, mesh_nodes: &[usize], ids: 
         extensions.insert("MSFT_lod".into(), json!({ "ids": ids }));
         out.use_extension("MSFT_lod");
     }
+}
+
+/// Takes the levels that a file came with out of its scenes: `levels` are their nodes, with those below them. Their meshes
+/// keep their indices. `finest` stays in place of lost channels.
+pub(in crate::gltf) fn remove_levels(out: &mut Builder, levels: &[usize], finest: Option<usize>) {
+    let Some(finest) = finest.filter(|_| !levels.is_empty()) else { return };
+    remove_meshes(out, levels);
+    clips::drop_lost_channels(out, |node| !levels.contains(&node), finest);
 }
 
 /// Removes mesh, skin and morph weights from nodes.

@@ -89,21 +89,6 @@ pub(super) fn take(object: &mut Value, names: &[&str]) -> Option<Value> {
     taken.into_iter().next()
 }
 
-/// True if a glTF has its own levels of detail: `MSFT_lod`, or nodes named `.._LOD1` and up.
-pub fn has_levels(json: &Value) -> bool {
-    let list = |name: &str| json.get(name).and_then(Value::as_array).into_iter().flatten();
-    list("extensionsUsed").any(|name| name == "MSFT_lod")
-        || list("nodes").filter_map(|node| node.get("name")?.as_str()).any(is_level_name)
-}
-
-/// True for a name that ends in `_LOD` and a number above zero, in upper or lower case.
-fn is_level_name(name: &str) -> bool {
-    let stem = name.trim_end_matches(|c: char| c.is_ascii_digit());
-    let number = &name[stem.len()..];
-    let is_lod = stem.get(stem.len().wrapping_sub(4)..).is_some_and(|end| end.eq_ignore_ascii_case("_lod"));
-    is_lod && number.bytes().any(|digit| digit != b'0')
-}
-
 /// Notes for the report: extensions of the used materials that change their look, and that the levels do without.
 pub(super) fn dropped_material_extensions(json: &Value, materials: &[usize]) -> Vec<String> {
     let mut names: Vec<&str> = materials

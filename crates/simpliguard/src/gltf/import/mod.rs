@@ -9,6 +9,8 @@
 //! Compressed data is decoded first, and the JSON edited to match. So the rest of the import, and the export, see an
 //! ordinary glTF that more loaders read.
 //!
+//! Levels of detail that a file comes with are no part of its surface.
+//!
 //! Limits: a material has two sets of texture coordinates and one set of vertex colours. Morph targets of the rest pose
 //! move positions, normals and tangents; those that a clip weights move positions alone. No morph target changes
 //! texture coordinates or colours.
@@ -57,9 +59,9 @@ use self::resources::{Loader, SourceImage};
 use self::skeleton::SourceSkeleton;
 use self::surface::Assembler;
 use crate::data::{Document, Model, Surface};
+use crate::gltf::authored::level_nodes;
 use crate::{Cancellation, Error, Source};
 
-pub use self::extensions::has_levels;
 pub use self::limits::ImportLimits;
 
 /// Reads `source`. A file without triangles gives a model with an empty surface.
@@ -85,7 +87,7 @@ pub(crate) fn import_in(
     let reader = Reader { asset, root: &root, buffers: &buffers };
 
     let tree = Tree::of(asset, &root)?;
-    let mesh_nodes = surface::mesh_nodes(reader, &tree)?;
+    let mesh_nodes = surface::mesh_nodes(reader, &tree, &level_nodes(all_nodes(&json)))?;
     if !mesh_nodes.is_empty() {
         resources::check_complete(asset, &root, &buffers)?;
     }
@@ -145,11 +147,15 @@ pub(in crate::gltf) fn read_document(
     let root = asset.schema(&json)?;
     let reader = Reader { asset, root: &root, buffers: &buffers };
     let tree = Tree::of(asset, &root)?;
-    let mesh_nodes = surface::mesh_nodes(reader, &tree)?;
+    let mesh_nodes = surface::mesh_nodes(reader, &tree, &level_nodes(all_nodes(&json)))?;
     resources::check_complete(asset, &root, &buffers)?;
     drop(root);
     let images = images.into_iter().map(SourceImage::into_bytes).collect();
     Ok(Document { images, json, buffers, decoded, mesh_nodes, node_world: tree.world })
+}
+
+fn all_nodes(json: &Value) -> &[Value] {
+    json.get("nodes").and_then(Value::as_array).map_or(&[], Vec::as_slice)
 }
 
 /// A file and all bytes that it refers to.

@@ -1,5 +1,7 @@
 //! The surface of a model: all primitives in world space.
 
+use std::collections::BTreeSet;
+
 use glam::{Mat3, Mat4, Vec3, Vec4};
 
 use super::accessor::Reader;
@@ -16,11 +18,12 @@ use super::skeleton::SourceSkeleton;
 use crate::Error;
 use crate::data::{Influences, Surface};
 
-/// Nodes of the default scene that carry triangles, after the limit on triangles was checked over all instances.
-pub(super) fn mesh_nodes(reader: Reader<'_>, tree: &Tree) -> Result<Vec<usize>, Error> {
+/// Nodes of the default scene that carry triangles and are no `levels`, after the limit on triangles was checked over all
+/// instances.
+pub(super) fn mesh_nodes(reader: Reader<'_>, tree: &Tree, levels: &BTreeSet<usize>) -> Result<Vec<usize>, Error> {
     let mut total = 0usize;
     let mut out = Vec::new();
-    for &index in &tree.nodes {
+    for &index in tree.nodes.iter().filter(|node| !levels.contains(node)) {
         let node = &reader.root.nodes[index];
         let Some(mesh) = node.mesh else { continue };
         let mut triangles = 0usize;

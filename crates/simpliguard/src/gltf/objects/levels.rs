@@ -5,7 +5,8 @@ use serde_json::{Value, json};
 
 use super::copy::Copier;
 use super::find::Object;
-use super::recipe::INSTANCING;
+use super::own_levels::OwnLevel;
+use super::recipe::{INSTANCING, Recipe};
 use crate::Error;
 use crate::gltf::export::builder::{Builder, Kind, index, indices};
 use crate::gltf::export::clips::copy_weight_channels;
@@ -69,6 +70,23 @@ impl Levels {
         }
         levels.sort_by_key(|level| std::cmp::Reverse(level.stamp.budget));
         Ok(Self { levels })
+    }
+
+    /// Adds levels that the object came with, behind those that were baked. A baked one that is not smaller than each of them
+    /// goes.
+    pub(super) fn add_own(&mut self, object: &Recipe, own: &[(OwnLevel, f32)]) {
+        let fewest = own.iter().map(|(level, _)| level.faces).min().unwrap_or(u64::MAX);
+        self.levels.retain(|level| u64::from(level.stamp.faces) < fewest);
+        let baked = self.levels.len();
+        let number = |above: usize| (baked + own.len() - above) as u32;
+        let level = |(above, (level, error)): (usize, &(OwnLevel, f32))| {
+            let faces = u32::try_from(level.faces).unwrap_or(u32::MAX);
+            let skin = level.skin(object).map(|(joints, inverse_bind)| Skin { joints, inverse_bind });
+            let stamp = Stamp { level: number(above), budget: faces, faces, error: json!(error), morphs: None };
+            Level { mesh: level.mesh, skin, stamp }
+        };
+        let own: Vec<Level> = own.iter().enumerate().map(level).collect();
+        self.levels.splice(0..0, own);
     }
 
     pub(super) fn is_empty(&self) -> bool {

@@ -8,6 +8,7 @@
 //! - `recipe.rs` describes an object without its place in the scene, so that moved, turned and mirrored instances have
 //!   one description.
 //! - `copy.rs` copies meshes, materials, textures and accessors from one document into another.
+//! - `own_levels.rs` finds the levels that objects come with.
 //! - `levels.rs` takes the levels out of the file of a baked object, and writes their nodes.
 //! - `scene.rs` puts these steps together.
 //! - `describe.rs` tells a scene from a single model.
@@ -23,6 +24,7 @@ mod copy;
 mod describe;
 mod find;
 mod levels;
+mod own_levels;
 mod recipe;
 mod scene;
 mod triangles;

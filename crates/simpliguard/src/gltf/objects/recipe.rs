@@ -60,6 +60,26 @@ impl Recipe {
         json!([self.nodes, self.roots, self.skins, self.animations]).to_string()
     }
 
+    /// The object with one mesh in place of all others, on one of its nodes, and without clips. The node keeps its skin.
+    pub(super) fn with_mesh(&self, node: usize, mesh: usize) -> Self {
+        let mut recipe = Self { animations: Vec::new(), ..self.clone() };
+        for (i, members) in recipe.nodes.iter_mut().enumerate().filter_map(|(i, node)| Some((i, node.as_object_mut()?)))
+        {
+            ["mesh", "weights", "extensions"].iter().for_each(|key| drop(members.remove(*key)));
+            if i == node {
+                members.insert("mesh".into(), json!(mesh));
+            } else {
+                members.remove("skin");
+            }
+        }
+        recipe
+    }
+
+    /// The skin of a node.
+    pub(super) fn skin_of(&self, node: usize) -> Option<&Value> {
+        self.skins.get(index(self.nodes.get(node)?, "skin")?)
+    }
+
     /// The object as binary glTF.
     pub(super) fn build(&self, scene: &Builder) -> Result<Vec<u8>, Error> {
         let (mut out, mut copier) = (Builder::new(&scene.asset), Copier::new(true));

@@ -6,19 +6,21 @@ use serde_json::Value;
 
 use super::find::{self, Object};
 use super::levels::Levels;
+use super::own_levels::{OwnLevel, OwnLevels};
 use super::recipe::{Channels, Recipe};
 use super::triangles;
 use crate::data::NodePattern;
+use crate::gltf::authored::level_nodes;
 use crate::gltf::export::builder::{Builder, Kind, index};
 use crate::gltf::export::embed::embed;
 use crate::gltf::export::{clips, hierarchy, prune};
-use crate::gltf::import::{ImportLimits, has_levels, read_document};
+use crate::gltf::import::{ImportLimits, read_document};
 use crate::{Cancellation, Error, Source};
 
 /// A scene file that is divided into objects.
 pub(crate) struct ObjectScene {
     out: Builder,
-    /// Nodes that other levels of the file have named.
+    /// The nodes of the levels that the file came with, and those that `MSFT_lod` listed.
     old_levels: Vec<usize>,
     /// Each instance, and its kind.
     instances: Vec<(Object, usize)>,
@@ -27,7 +29,10 @@ pub(crate) struct ObjectScene {
     mesh_nodes: Vec<usize>,
     /// The levels that stand for all of them.
     whole: Levels,
-    pub(crate) has_levels: bool,
+    /// True for an output of a bake.
+    pub(crate) is_baked: bool,
+    /// Number of levels of the file that are of no use: those of no object, or of several meshes.
+    pub(crate) levels_left_out: usize,
 }
 
 /// Equal objects.
@@ -42,6 +47,9 @@ pub(crate) struct ObjectKind {
     pub(crate) class: u64,
     recipe: Recipe,
     levels: Levels,
+    /// The levels that the first instance came with, in falling detail, and those of them that are used, with their errors.
+    own: Vec<OwnLevel>,
+    used: Vec<(OwnLevel, f32)>,
     /// The kind whose levels it shows. Two kinds of equal content are found only when their files are built.
     shown: usize,
 }
@@ -58,11 +66,13 @@ impl ObjectScene {
         cancellation: &Cancellation,
     ) -> Result<Self, Error> {
         let document = read_document(source, limits, cancellation)?;
-        let has_levels = has_levels(&document.json);
         let mut out = embed(source.name, &document)?;
         let mesh_nodes = document.mesh_nodes.clone();
         drop(document);
-        let old_levels = hierarchy::remove_lods(&mut out);
+        let is_baked = remove_stamps(&mut out);
+        let mut own_levels = OwnLevels::of(&out, &mesh_nodes);
+        let mut old_levels: Vec<usize> = level_nodes(out.all(Kind::Node)).into_iter().collect();
+        old_levels.extend(hierarchy::remove_lods(&mut out));
         let patterns: Vec<_> = patterns.iter().filter_map(NodePattern::matcher).collect();
         let objects = find::find(&out, &mesh_nodes, &patterns);
         cancellation.check(source.name)?;
@@ -72,16 +82,17 @@ impl ObjectScene {
             let recipe = Recipe::new(&out, &object, &channels);
             let name = name_of(&out, &object);
             let class = class(&name);
-            let kind = *known.entry((recipe.text(), class)).or_insert_with(|| {
+            let own = own_levels.take(&out, &object);
+            let kind = *known.entry((recipe.text(), class, own.clone())).or_insert_with(|| {
                 let faces = object.mesh_nodes.iter().map(|&node| faces(&out, &object, node)).sum();
-                let shown = kinds.len();
-                kinds.push(ObjectKind { name, faces, instances: 0, class, recipe, levels: Levels::default(), shown });
+                kinds.push(ObjectKind { own, ..ObjectKind::new(name, faces, class, recipe, kinds.len()) });
                 kinds.len() - 1
             });
             kinds[kind].instances += 1;
             instances.push((object, kind));
         }
-        Ok(Self { out, old_levels, instances, kinds, mesh_nodes, whole: Levels::default(), has_levels })
+        let (whole, levels_left_out) = (Levels::default(), own_levels.left_out);
+        Ok(Self { out, old_levels, instances, kinds, mesh_nodes, whole, is_baked, levels_left_out })
     }
 
     /// The kinds of objects, in the order of their first instances.
@@ -95,6 +106,22 @@ impl ObjectScene {
     /// [`Error::Limit`] above 4 GiB.
     pub(crate) fn build(&self, kind: usize) -> Result<Vec<u8>, Error> {
         self.kinds[kind].recipe.build(&self.out)
+    }
+
+    /// The files of the levels that a kind came with, in falling detail: each in place of the object's meshes.
+    ///
+    /// # Errors
+    /// [`Error::Limit`] above 4 GiB.
+    pub(crate) fn build_own_levels(&self, kind: usize) -> Result<Vec<Vec<u8>>, Error> {
+        let ObjectKind { recipe, own, .. } = &self.kinds[kind];
+        own.iter().map(|level| level.recipe(recipe).build(&self.out)).collect()
+    }
+
+    /// Uses the levels that a kind came with: those that have an error, a fraction of the diagonal of the object's bounding box.
+    pub(crate) fn use_own_levels(&mut self, kind: usize, errors: &[Option<f32>]) {
+        let ObjectKind { own, used, instances, .. } = &mut self.kinds[kind];
+        *used = own.drain(..).zip(errors).filter_map(|(level, error)| Some((level, (*error)?))).collect();
+        self.levels_left_out += errors.iter().filter(|error| error.is_none()).count() * *instances as usize;
     }
 
     /// Takes the levels of a kind out of its baked file.
@@ -128,6 +155,9 @@ impl ObjectScene {
     /// [`Error::Limit`] above 4 GiB.
     pub(crate) fn finish(mut self, keep_source: bool, version: &str) -> Result<Vec<u8>, Error> {
         self.out.stamp(version);
+        for ObjectKind { levels, recipe, used, .. } in &mut self.kinds {
+            levels.add_own(recipe, used);
+        }
         let mut replaced = Vec::new();
         let mut finest = None;
         for (object, kind) in &self.instances {
@@ -139,8 +169,9 @@ impl ObjectScene {
             }
         }
         self.whole.place_whole(&mut self.out, &self.mesh_nodes, version);
+        hierarchy::remove_levels(&mut self.out, &self.old_levels, finest);
         if let (false, Some(finest)) = (keep_source, finest) {
-            replaced.extend(hierarchy::descendants(&self.out, &self.old_levels));
+            replaced.extend(&self.old_levels);
             replaced.sort_unstable();
             hierarchy::remove_meshes(&mut self.out, &replaced);
             clips::drop_lost_channels(&mut self.out, |node| replaced.binary_search(&node).is_err(), finest);
@@ -148,6 +179,24 @@ impl ObjectScene {
         }
         self.out.into_glb()
     }
+}
+
+impl ObjectKind {
+    fn new(name: String, faces: u64, class: u64, recipe: Recipe, shown: usize) -> Self {
+        let (instances, levels, own, used) = (0, Levels::default(), Vec::new(), Vec::new());
+        Self { name, faces, instances, class, recipe, levels, own, used, shown }
+    }
+
+    /// Triangles and errors of the levels that it came with and uses, in falling detail.
+    pub(crate) fn own_levels(&self) -> impl Iterator<Item = (u64, f32)> {
+        self.used.iter().map(|(level, error)| (level.faces, *error))
+    }
+}
+
+/// Removes what earlier bakes have written to nodes. Returns whether there was anything.
+fn remove_stamps(out: &mut Builder) -> bool {
+    let stamp = |node: &mut Value| node.get_mut("extras")?.as_object_mut()?.remove("simpliguard");
+    out.all_mut(Kind::Node).iter_mut().filter_map(stamp).count() > 0
 }
 
 /// Triangles of a node of an object. Instances that share its only node share its levels.

@@ -4,7 +4,7 @@ use serde_json::json;
 
 use super::assert_sound;
 use super::builder::{Builder, F32, U16, U32, import_bytes, png_with_side};
-use crate::gltf::{ImportLimits, has_levels, import};
+use crate::gltf::{ImportLimits, import};
 use crate::{Error, RelativeUri, Resources, Source};
 
 /// A folder that holds the one file `image.png`, which is no image.
@@ -180,16 +180,6 @@ fn whole_numbers_written_as_floats_are_indices_too() {
     let mut file = Builder::triangle();
     file.json["nodes"][0]["mesh"] = json!(0.0);
     assert_eq!(file.model().document.json["nodes"][0]["mesh"].as_u64(), Some(0));
-}
-
-#[test]
-fn levels_of_the_source_are_found_by_extension_or_name() {
-    assert!(has_levels(&json!({"extensionsUsed": ["MSFT_lod"]})));
-    assert!(has_levels(&json!({"nodes": [{"name": "Tree"}, {"name": "Tree_LOD1"}]})));
-    assert!(has_levels(&json!({"nodes": [{"name": "rock_lod12"}]})));
-    for name in ["Tree_LOD0", "Tree", "LOD1", "Tree_LOD", "Explode1", "\u{e9}\u{e9}1"] {
-        assert!(!has_levels(&json!({"nodes": [{"name": name}]})), "{name}");
-    }
 }
 
 /// A small file that uses most of what is read.
