@@ -89,6 +89,22 @@ pub(crate) fn triangle_beside(uri: &str) -> String {
 
 /// A bumpy sphere of `2 * rings * rings` triangles.
 pub(crate) fn sphere(rings: u32) -> Vec<u8> {
+    let (positions, triangles) = bumpy_sphere(rings);
+    glb(&positions, &triangles)
+}
+
+/// A scene: two spheres, one of them moved, turned and scaled, and a node of 52 triangles, too few for levels.
+pub(crate) fn scene() -> Vec<u8> {
+    let (positions, triangles) = bumpy_sphere(12);
+    let nodes = serde_json::json!([
+        {"name": "Ball", "mesh": 0, "translation": [0, 0, 2]},
+        {"name": "Ball.001", "mesh": 0, "translation": [5, 0, 0], "rotation": [0.6, 0, 0, 0.8], "scale": [2, 2, 2]},
+        {"name": "Scrap", "mesh": 1, "translation": [0, 4, 0]},
+    ]);
+    glb_of(&positions, &triangles, &nodes)
+}
+
+fn bumpy_sphere(rings: u32) -> (Vec<[f32; 3]>, Vec<[u32; 3]>) {
     let step = std::f32::consts::PI / rings as f32;
     let position = |i: u32, j: u32| {
         let (theta, phi) = (i as f32 * step, 2.0 * (j % rings) as f32 * step);
@@ -99,11 +115,16 @@ pub(crate) fn sphere(rings: u32) -> Vec<u8> {
     let positions: Vec<_> = (0..=rings).flat_map(|i| (0..rings).map(move |j| position(i, j))).collect();
     let at = |i: u32, j: u32| i * rings + j % rings;
     let corners = |(i, j)| [at(i, j), at(i, j + 1), at(i + 1, j), at(i + 1, j + 1)];
-    let triangles: Vec<_> = cells().map(corners).flat_map(|[a, b, c, d]| [[a, b, c], [b, d, c]]).collect();
-    glb(&positions, &triangles)
+    (positions, cells().map(corners).flat_map(|[a, b, c, d]| [[a, b, c], [b, d, c]]).collect())
 }
 
 fn glb(positions: &[[f32; 3]], triangles: &[[u32; 3]]) -> Vec<u8> {
+    glb_of(positions, triangles, &serde_json::json!([{"mesh": 0}]))
+}
+
+/// Nodes of two meshes: mesh 0 has the triangles, mesh 1 takes each three positions for one.
+fn glb_of(positions: &[[f32; 3]], triangles: &[[u32; 3]], nodes: &serde_json::Value) -> Vec<u8> {
+    let roots: Vec<usize> = (0..nodes.as_array().map_or(0, Vec::len)).collect();
     let mut binary: Vec<u8> = positions.iter().flatten().flat_map(|x| x.to_le_bytes()).collect();
     let split = binary.len();
     binary.extend(triangles.iter().flatten().flat_map(|i| i.to_le_bytes()));
@@ -111,8 +132,11 @@ fn glb(positions: &[[f32; 3]], triangles: &[[u32; 3]]) -> Vec<u8> {
         positions.iter().copied().reduce(|a, b| std::array::from_fn(|k| pick(a[k], b[k]))).expect("not empty")
     };
     let mut json = serde_json::json!({
-        "asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [0]}], "nodes": [{"mesh": 0}],
-        "meshes": [{"primitives": [{"attributes": {"POSITION": 0}, "indices": 1}]}],
+        "asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": roots}], "nodes": nodes,
+        "meshes": [
+            {"primitives": [{"attributes": {"POSITION": 0}, "indices": 1}]},
+            {"primitives": [{"attributes": {"POSITION": 0}}]},
+        ],
         "buffers": [{"byteLength": binary.len()}],
         "bufferViews": [
             {"buffer": 0, "byteLength": split},
