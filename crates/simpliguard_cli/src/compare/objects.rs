@@ -1,7 +1,5 @@
 //! The comparison of objects: each kind alone, framed on its own.
 
-use std::cmp::Reverse;
-
 use simpliguard::{Error, Printable};
 use simpliguard_eval::compare::{Options, compare};
 
@@ -25,20 +23,13 @@ impl<'a> ObjectRows<'a> {
     /// # Errors
     /// If the source is not the one that the output was baked from.
     pub(super) fn choose(source: &'a Opened, output: &'a Opened, most: usize) -> Result<Self, UsageError> {
-        let json = &source.model.document.json;
-        let triangles = |kind: &&Kind| {
-            let once: u64 = kind.nodes.iter().map(|&node| triangles_of_node(json, node)).sum();
-            once * kind.instances as u64
-        };
-        let mut kinds: Vec<&Kind> = output.levels.kinds.iter().collect();
-        kinds.sort_by_cached_key(|kind| Reverse(triangles(kind)));
-        let left_out = kinds.len().saturating_sub(most);
-        kinds.truncate(most);
+        let kinds: Vec<&Kind> = output.levels.kinds.iter().take(most).collect();
+        let left_out = output.levels.kinds.len() - kinds.len();
         for kind in &kinds {
             if let Some(node) = kind.nodes.iter().find(|node| !is_same(source, output, **node)) {
                 let (source, output, name) = (&source.file, &output.file, &kind.name);
                 return Err(UsageError(format!(
-                    "{output}: object '{name}' stands for node {node}, which shows something else in {source}; name the file \
+                    "{output}: object '{name}' stands for node {node}, which does not show it in {source}; name the file \
                      that was baked, or leave objects out with --objects 0"
                 )));
             }

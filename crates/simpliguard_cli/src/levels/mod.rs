@@ -9,6 +9,7 @@ mod nodes;
 mod part;
 
 use std::borrow::Cow;
+use std::cmp::Reverse;
 use std::collections::{BTreeMap, BTreeSet};
 
 use serde_json::Value;
@@ -29,7 +30,7 @@ pub(crate) struct Levels {
     is_in_scene: bool,
     /// Levels of the whole picture, the smallest first. Levels that stand for all objects come before levels of each object.
     pub(crate) all: Vec<Level>,
-    /// The kinds of objects that have levels, in the order of their first instances.
+    /// The kinds of objects that have levels. Those with the most triangles in the scene come first.
     pub(crate) kinds: Vec<Kind>,
 }
 
@@ -158,10 +159,17 @@ fn kinds(json: &Value, objects: &[Object<'_>]) -> Vec<Kind> {
             None => kinds.push(Kind::of(json, object)),
         }
     }
+    kinds.sort_by_key(|kind| Reverse(kind.all_triangles()));
     kinds
 }
 
 impl Kind {
+    /// Triangles of all instances; of their finest level if the file has dropped the source.
+    fn all_triangles(&self) -> u64 {
+        let finest = || self.levels.last().and_then(|level| level.faces);
+        self.triangles.or_else(finest).unwrap_or(0) * self.instances as u64
+    }
+
     fn of(json: &Value, first: &Object<'_>) -> Self {
         let name = |value: &Value| Some(value.get("name")?.as_str().filter(|name| !name.is_empty())?.to_owned());
         let node = |node: usize| json.get("nodes")?.get(node);

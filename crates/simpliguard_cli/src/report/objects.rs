@@ -1,5 +1,7 @@
 //! What the page says of the kinds of objects of a scene.
 
+use std::cmp::Reverse;
+
 use serde::Serialize;
 use simpliguard::{LevelReport, ObjectReport};
 
@@ -30,12 +32,15 @@ pub(super) struct ObjectLevel {
     pub(super) warning: Option<String>,
 }
 
-/// The kinds of objects of a bake, with its reports; of a file that came with its levels, the kinds that the file holds.
+/// The kinds of objects of a bake, with its reports; of a file that came with its levels, the kinds that the file holds. Those
+/// with the most triangles in the scene come first.
 pub(super) fn objects(reports: Vec<ObjectReport>, kinds: Vec<Kind>) -> Vec<ObjectKind> {
-    match reports.is_empty() {
-        true => kinds.into_iter().map(ObjectKind::from).collect(),
-        false => reports.into_iter().map(ObjectKind::from).collect(),
+    if reports.is_empty() {
+        return kinds.into_iter().map(ObjectKind::from).collect();
     }
+    let mut objects: Vec<ObjectKind> = reports.into_iter().map(ObjectKind::from).collect();
+    objects.sort_by_key(|kind| Reverse(kind.instances * kind.triangles.unwrap_or(0)));
+    objects
 }
 
 impl From<ObjectReport> for ObjectKind {

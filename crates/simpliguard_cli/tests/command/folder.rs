@@ -4,6 +4,8 @@ use std::fs;
 use std::path::PathBuf;
 use std::process::Command;
 
+use serde_json::{Value, json};
+
 /// A temporary folder with a cache of its own.
 pub(crate) struct Folder(tempfile::TempDir);
 
@@ -56,7 +58,7 @@ impl Run {
     }
 
     /// The JSON document.
-    pub(crate) fn json(&self) -> serde_json::Value {
+    pub(crate) fn json(&self) -> Value {
         serde_json::from_str(&self.stdout).expect("stdout is one JSON document")
     }
 }
@@ -76,7 +78,7 @@ pub(crate) const TRIANGLE: [u8; 36] = {
 
 /// One triangle, as glTF whose bytes lie in another file.
 pub(crate) fn triangle_beside(uri: &str) -> String {
-    serde_json::json!({
+    json!({
         "asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [0]}], "nodes": [{"mesh": 0}],
         "meshes": [{"primitives": [{"attributes": {"POSITION": 0}}]}],
         "buffers": [{"byteLength": 36, "uri": uri}],
@@ -96,12 +98,14 @@ pub(crate) fn sphere(rings: u32) -> Vec<u8> {
 /// A scene: two spheres, one of them moved, turned and scaled, and a node of 52 triangles, too few for levels.
 pub(crate) fn scene() -> Vec<u8> {
     let (positions, triangles) = bumpy_sphere(12);
-    let nodes = serde_json::json!([
+    let nodes = json!([
         {"name": "Ball", "mesh": 0, "translation": [0, 0, 2]},
         {"name": "Ball.001", "mesh": 0, "translation": [5, 0, 0], "rotation": [0.6, 0, 0, 0.8], "scale": [2, 2, 2]},
         {"name": "Scrap", "mesh": 1, "translation": [0, 4, 0]},
     ]);
-    glb_of(&positions, &triangles, &nodes)
+    // The other mesh takes each three positions for a triangle.
+    let meshes = json!([mesh(), {"primitives": [{"attributes": {"POSITION": 0}}]}]);
+    glb_of(&positions, &triangles, (&nodes, &meshes))
 }
 
 fn bumpy_sphere(rings: u32) -> (Vec<[f32; 3]>, Vec<[u32; 3]>) {
@@ -119,11 +123,16 @@ fn bumpy_sphere(rings: u32) -> (Vec<[f32; 3]>, Vec<[u32; 3]>) {
 }
 
 fn glb(positions: &[[f32; 3]], triangles: &[[u32; 3]]) -> Vec<u8> {
-    glb_of(positions, triangles, &serde_json::json!([{"mesh": 0}]))
+    let (nodes, meshes) = (json!([{"mesh": 0}]), json!([mesh()]));
+    glb_of(positions, triangles, (&nodes, &meshes))
 }
 
-/// Nodes of two meshes: mesh 0 has the triangles, mesh 1 takes each three positions for one.
-fn glb_of(positions: &[[f32; 3]], triangles: &[[u32; 3]], nodes: &serde_json::Value) -> Vec<u8> {
+/// A mesh with all triangles of a file.
+fn mesh() -> Value {
+    json!({"primitives": [{"attributes": {"POSITION": 0}, "indices": 1}]})
+}
+
+fn glb_of(positions: &[[f32; 3]], triangles: &[[u32; 3]], (nodes, meshes): (&Value, &Value)) -> Vec<u8> {
     let roots: Vec<usize> = (0..nodes.as_array().map_or(0, Vec::len)).collect();
     let mut binary: Vec<u8> = positions.iter().flatten().flat_map(|x| x.to_le_bytes()).collect();
     let split = binary.len();
@@ -131,12 +140,9 @@ fn glb_of(positions: &[[f32; 3]], triangles: &[[u32; 3]], nodes: &serde_json::Va
     let bound = |pick: fn(f32, f32) -> f32| {
         positions.iter().copied().reduce(|a, b| std::array::from_fn(|k| pick(a[k], b[k]))).expect("not empty")
     };
-    let mut json = serde_json::json!({
+    let mut json = json!({
         "asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": roots}], "nodes": nodes,
-        "meshes": [
-            {"primitives": [{"attributes": {"POSITION": 0}, "indices": 1}]},
-            {"primitives": [{"attributes": {"POSITION": 0}}]},
-        ],
+        "meshes": meshes,
         "buffers": [{"byteLength": binary.len()}],
         "bufferViews": [
             {"buffer": 0, "byteLength": split},

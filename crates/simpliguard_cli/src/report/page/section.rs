@@ -63,7 +63,9 @@ fn view(number: usize, model: &Measured) -> String {
             |side| format!("at most {} texels wide", count(f64::from(side))),
         )
     };
-    let (faces, shown) = (model.source.triangles, count(made.triangles as f64));
+    let faces = model.source.triangles;
+    // The bake leaves out triangles without an area, which the view has.
+    let shown = count(faces.min(made.triangles as u64) as f64);
     let levels = match model.levels.is_empty() {
         true => String::new(),
         false => {

@@ -145,7 +145,8 @@ export class Stage {
     const count = (figure) => Math.round(figure?.triangles ?? 0).toLocaleString("en");
     this.holder.dataset.mode = heat.checked && this.level > 0 ? "heat" : this.level > 0 ? "both" : "one";
     const all = Number(this.holder.dataset.faces).toLocaleString("en");
-    const isWhole = count(source) === all;
+    // The bake leaves out triangles without an area.
+    const isWhole = (source?.triangles ?? 0) >= Number(this.holder.dataset.faces);
     this.holder.querySelector(".source-label").textContent =
       isWhole ? `Source (${all} triangles)` : `Source preview (${count(source)} of ${all} triangles)`;
     const name = this.levels[this.level - 1] ?? "";
