@@ -1,32 +1,22 @@
 //! `simpliguard compare`: how much levels look like their source, and how far they are from it.
 
 mod objects;
+mod opened;
 mod rows;
 
 use std::borrow::Cow;
-use std::path::Path;
 
 use simpliguard::data::Model;
-use simpliguard::gltf::{ImportLimits, import};
 use simpliguard::{Error, Printable};
 use simpliguard_eval::compare::{Options, compare};
 
 use self::objects::ObjectRows;
+use self::opened::Opened;
 use self::rows::{Document, Row, Subject, table};
 use crate::args::CompareArgs;
 use crate::console;
 use crate::error::UsageError;
-use crate::levels::{Instances, Level, Levels, Part};
 use crate::output::{json_text, write_stdout};
-use crate::project::nearest_project;
-use crate::source::SourceFile;
-
-/// A file, and the levels that it holds.
-struct Opened {
-    file: String,
-    model: Model,
-    levels: Levels,
-}
 
 pub(crate) fn run(args: &CompareArgs) -> Result<(), UsageError> {
     let options = Options { views: args.views.get().into(), motion: args.motion, ..Options::default() };
@@ -65,37 +55,4 @@ fn whole_pictures(source: &Opened, outputs: &[&Opened], options: &Options) -> Re
     let compared = compare(&shown, &models, options);
     let row = |(subject, comparison)| Row { subject, comparison };
     Ok((subjects.into_iter().zip(compared).map(row).collect(), shown.surface.triangles.len()))
-}
-
-impl Opened {
-    fn read(path: &Path) -> Result<Self, Error> {
-        let file = path.display().to_string();
-        let project = path.canonicalize().ok().and_then(|path| nearest_project(&path));
-        let source = SourceFile::read(path, &file, project.as_deref())?;
-        let model = import(&source.source(), &ImportLimits::default())?;
-        let levels = Levels::of(&model.document.json);
-        Ok(Self { file, model, levels })
-    }
-
-    /// The levels of the whole file; if it has none, the file is a level itself.
-    fn candidates(&self) -> Result<Vec<(Subject, Cow<'_, Model>)>, Error> {
-        let subject = |level: Option<&Level>| Subject {
-            file: self.file.clone(),
-            name: level.map(|level| level.name.clone()),
-            level: level.map(|level| level.level),
-            object: None,
-        };
-        if self.levels.all.is_empty() {
-            return Ok(vec![(subject(None), Cow::Borrowed(&self.model))]);
-        }
-        let candidate = |level: &Level| {
-            let part = self.part(&level.nodes, Instances::All).import(&format!("{}, {}", self.file, level.name))?;
-            Ok((subject(Some(level)), Cow::Owned(part)))
-        };
-        self.levels.all.iter().map(candidate).collect()
-    }
-
-    fn part<'a>(&'a self, nodes: &'a [usize], drawn: Instances) -> Part<'a> {
-        Part { document: &self.model.document, nodes, drawn }
-    }
 }

@@ -3,7 +3,7 @@
 use simpliguard::{Error, Printable};
 use simpliguard_eval::compare::{Options, compare};
 
-use super::Opened;
+use super::opened::Opened;
 use super::rows::{ObjectOf, Row, Subject};
 use crate::console;
 use crate::error::UsageError;
