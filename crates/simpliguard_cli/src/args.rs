@@ -243,6 +243,9 @@ pub(crate) struct CompareArgs {
     /// Also compare frames of the clips that both have.
     #[arg(long)]
     pub(crate) motion: bool,
+    /// Kinds of objects of a scene to compare at most, each alone: those with the most triangles. 0 for none.
+    #[arg(long, value_name = "N", default_value = "8")]
+    pub(crate) objects: usize,
     /// Print one JSON document to stdout.
     #[arg(long)]
     pub(crate) json: bool,

@@ -124,18 +124,6 @@ fn push_chunk(out: &mut Vec<u8>, kind: u32, data: &[u8], padding: u8) {
     out.resize(out.len() + size - data.len(), padding);
 }
 
-/// A binary glTF with another JSON. The bytes behind its JSON stay as they are. `None` if it is no binary glTF.
-pub fn with_json(file: &[u8], json: &Value) -> Option<Vec<u8>> {
-    let kind = u32_at(file, HEADER_BYTES + 4).filter(|kind| *kind == JSON_CHUNK)?;
-    let size = u32_at(file, HEADER_BYTES)? as usize;
-    let rest = file.get((HEADER_BYTES + CHUNK_HEADER_BYTES).checked_add(size)?..)?;
-    let text = json.to_string();
-    let mut out = header(CHUNK_HEADER_BYTES + text.len().next_multiple_of(4) + rest.len()).ok()?;
-    push_chunk(&mut out, kind, text.as_bytes(), b' ');
-    out.extend(rest);
-    Some(out)
-}
-
 fn truncated(what: &str, length: usize) -> Fault {
     Fault::Broken(format!("the file is truncated: it should hold {what}, but it ends after {length} bytes"))
 }
@@ -162,16 +150,5 @@ mod tests {
         let chunks = split(&file).expect("a binary glTF");
         assert_eq!(chunks, Chunks { json, bin: Some(&[1, 2, 3, 0]) });
         assert_eq!(binary(&json!({}), &[]).expect("a small file").len(), 12 + 8 + 4);
-    }
-
-    #[test]
-    fn only_the_json_of_a_file_is_replaced() {
-        let mut file = b"glTF\x02\0\0\0\x20\0\0\0\x04\0\0\0JSON{}  ".to_vec();
-        file.extend(b"rest");
-        let out = with_json(&file, &json!({"scene": 3})).expect("a binary glTF");
-        assert_eq!(&out[20..32], b"{\"scene\":3} ");
-        assert_eq!((&out[32..], u32_at(&out, 8)), (&b"rest"[..], Some(36)));
-        assert!(with_json(b"{}", &json!({})).is_none());
-        assert!(with_json(b"glTF\x02\0\0\0\x20\0\0\0\xff\xff\xff\xffJSON", &json!({})).is_none());
     }
 }

@@ -11,7 +11,7 @@ mod uris;
 pub use authored::has_levels;
 pub(crate) use export::export_in;
 pub use export::{ExportParams, export, export_level};
-pub use glb::{binary, with_json};
+pub use glb::binary;
 pub use gpu_cost::{GpuCost, encoded_image, gpu_cost, image_of_texture, texture_memory, textures_of_material};
 pub(crate) use import::import_in;
 pub use import::{ImportLimits, import};

@@ -8,6 +8,12 @@ use simpliguard::gltf::{encoded_image, image_of_texture, texture_memory, texture
 
 use crate::images::size_of_image;
 
+/// The extension that draws a node many times.
+pub(crate) const INSTANCING: &str = "EXT_mesh_gpu_instancing";
+/// Modes of primitives: single triangles, which is the default, and strips and fans.
+const TRIANGLES: u64 = 4;
+const STRIPS: [u64; 2] = [5, 6];
+
 /// The JSON of a glTF and the bytes of its images.
 pub(crate) struct Document<'a> {
     source: &'a simpliguard::data::Document,
@@ -54,7 +60,7 @@ impl<'a> Document<'a> {
     }
 
     /// Bytes in the file of the vertices, indices and images of meshes. What several meshes share counts once.
-    pub(crate) fn bytes_of_meshes(&self, meshes: impl IntoIterator<Item = usize>) -> u64 {
+    fn bytes_of_meshes(&self, meshes: impl IntoIterator<Item = usize>) -> u64 {
         let (mut accessors, mut images) = (BTreeSet::new(), BTreeSet::new());
         for primitive in meshes.into_iter().flat_map(|mesh| self.primitives(mesh)) {
             let targets = primitive.get("targets").and_then(Value::as_array).into_iter().flatten();
@@ -71,6 +77,11 @@ impl<'a> Document<'a> {
         views.iter().filter_map(length).map(|length| length as u64).sum()
     }
 
+    /// The same of the meshes of nodes.
+    pub(crate) fn bytes_of_nodes(&self, nodes: &[usize]) -> u64 {
+        self.bytes_of_meshes(nodes.iter().filter_map(|&node| index(self.list("nodes").get(node)?, "mesh")))
+    }
+
     /// The images that the materials of a mesh show.
     pub(crate) fn images_of_mesh(&self, mesh: usize) -> BTreeSet<usize> {
         let materials = self.primitives(mesh).iter().filter_map(|primitive| index(primitive, "material"));
@@ -83,6 +94,37 @@ impl<'a> Document<'a> {
         let primitives = self.list("meshes").get(mesh).and_then(|mesh| mesh.get("primitives"));
         primitives.and_then(Value::as_array).map(Vec::as_slice).unwrap_or_default()
     }
+}
+
+/// Triangles of a node's mesh, with all instances.
+pub(crate) fn triangles_of_node(json: &Value, node: usize) -> u64 {
+    let node = json.get("nodes").and_then(|nodes| nodes.get(node));
+    let mesh = node.and_then(|node| index(node, "mesh"));
+    let instancing = node.and_then(|node| node.get("extensions")?.get(INSTANCING)?.get("attributes")?.as_object());
+    let accessor = instancing.and_then(|attributes| attributes.values().find_map(as_index));
+    let instances = accessor.map_or(Some(1), |accessor| count_of(json, accessor)).unwrap_or(0);
+    mesh.map_or(0, |mesh| triangles_of_mesh(json, mesh)) * instances
+}
+
+/// Triangles of a mesh, by the counts of its accessors.
+pub(crate) fn triangles_of_mesh(json: &Value, mesh: usize) -> u64 {
+    let mesh = json.get("meshes").and_then(|meshes| meshes.get(mesh));
+    let primitives = mesh.and_then(|mesh| mesh.get("primitives")?.as_array()).into_iter().flatten();
+    let triangles = |primitive: &Value| {
+        let positions = || index(primitive.get("attributes")?, "POSITION");
+        let corners = count_of(json, index(primitive, "indices").or_else(positions)?)?;
+        match primitive.get("mode").map_or(Some(TRIANGLES), Value::as_u64)? {
+            TRIANGLES => Some(corners / 3),
+            mode if STRIPS.contains(&mode) => Some(corners.saturating_sub(2)),
+            _ => None,
+        }
+    };
+    primitives.filter_map(triangles).sum()
+}
+
+/// The number of elements of an accessor.
+fn count_of(json: &Value, accessor: usize) -> Option<u64> {
+    json.get("accessors")?.get(accessor)?.get("count")?.as_u64()
 }
 
 /// A property that refers to an item of a list, or counts.
@@ -118,5 +160,19 @@ mod tests {
         let source = simpliguard::data::Document { json, ..Default::default() };
         let document = Document::of(&source);
         assert_eq!([document.bytes_of_meshes([0, 0]), document.bytes_of_meshes([7])], [4321, 0]);
+    }
+
+    #[test]
+    fn triangles_are_counted_by_mode_and_instance() {
+        let json = json!({
+            "nodes": [{"mesh": 0}, {"mesh": 0, "extensions": {INSTANCING: {"attributes": {"SCALE": 1}}}}, {}],
+            "meshes": [{"primitives": [
+                {"attributes": {"POSITION": 0}},
+                {"attributes": {"POSITION": 1}, "indices": 0, "mode": 5},
+                {"attributes": {"POSITION": 0}, "mode": 1},
+            ]}],
+            "accessors": [{"count": 12}, {"count": 5}],
+        });
+        assert_eq!([0, 1, 2, 9].map(|node| triangles_of_node(&json, node)), [4 + 10, 5 * 14, 0, 0]);
     }
 }

@@ -17,7 +17,7 @@ use self::document::Document;
 use crate::args::InspectArgs;
 use crate::console;
 use crate::error::UsageError;
-use crate::levels::levels_of;
+use crate::levels::{Kind, Level, Levels};
 use crate::output::{json_text, write_stdout};
 use crate::project::{ModelSettings, SettingsLookup};
 use crate::source::SourceFile;
@@ -38,6 +38,8 @@ struct Inspection {
     source: GpuCost,
     /// The levels in an output of `bake`.
     levels: Vec<LevelSize>,
+    /// The kinds of objects in an output of `bake` with `scope: Objects`.
+    objects: Vec<ObjectSize>,
     settings: Vec<Setting>,
     result: CachedResult,
     /// Notes on what the import leaves out.
@@ -47,6 +49,7 @@ struct Inspection {
 /// A level in an output of `bake`, and what it takes up.
 #[derive(Serialize)]
 struct LevelSize {
+    name: String,
     level: u64,
     budget: Option<u64>,
     faces: Option<u64>,
@@ -55,6 +58,32 @@ struct LevelSize {
     bytes: u64,
     #[serde(flatten)]
     gpu: GpuCost,
+}
+
+/// Objects that share their levels.
+#[derive(Serialize)]
+struct ObjectSize {
+    name: String,
+    instances: usize,
+    /// Triangles of one instance. Null if the file has dropped them.
+    triangles: Option<u64>,
+    levels: Vec<ObjectLevel>,
+}
+
+#[derive(Serialize)]
+struct ObjectLevel {
+    level: u64,
+    budget: Option<u64>,
+    faces: Option<u64>,
+    error: Option<f64>,
+}
+
+impl ObjectSize {
+    fn of(kind: Kind) -> Self {
+        let level = |Level { level, budget, faces, error, .. }: Level| ObjectLevel { level, budget, faces, error };
+        let Kind { name, instances, triangles, levels, .. } = kind;
+        Self { name, instances, triangles, levels: levels.into_iter().map(level).collect() }
+    }
 }
 
 /// A setting that the model is baked with.
@@ -102,10 +131,11 @@ fn inspect(path: &Path, args: &InspectArgs) -> Result<Inspection, UsageError> {
     let file = SourceFile::read(path, &name, cache.project())?;
     let model = import(&file.source(), &ImportLimits::default())?;
     let document = Document::new(&model);
-    let level = |level: &crate::levels::LevelNode| {
-        let crate::levels::LevelNode { level, budget, faces, error, mesh, node } = *level;
-        let (bytes, gpu) = (document.bytes_of_meshes(mesh), gpu_cost(&model.document, [node]));
-        LevelSize { level, budget, faces, error, bytes, gpu }
+    let Levels { all, kinds, .. } = Levels::of(&model.document.json);
+    let size = |level: Level| {
+        let (bytes, gpu) = (document.bytes_of_nodes(&level.nodes), gpu_cost(&model.document, level.nodes));
+        let Level { name, level, budget, faces, error, .. } = level;
+        LevelSize { name, level, budget, faces, error, bytes, gpu }
     };
     let explicit = CachePlace { dir: args.cache_dir.as_deref(), shared: None };
     let cache = cache.open(explicit, |outside| console::warning(&outside.to_string()));
@@ -116,7 +146,8 @@ fn inspect(path: &Path, args: &InspectArgs) -> Result<Inspection, UsageError> {
         bytes: file.source().bytes.len() as u64,
         contents: Contents::of(&model, &document),
         source: gpu_cost(&model.document, model.document.mesh_nodes.iter().copied()),
-        levels: levels_of(&model.document.json).iter().map(level).collect(),
+        levels: all.into_iter().map(size).collect(),
+        objects: kinds.into_iter().map(ObjectSize::of).collect(),
         settings: resolved
             .effective()
             .map(|e| Setting { name: e.name, value: e.value, origin: e.origin.to_string() })

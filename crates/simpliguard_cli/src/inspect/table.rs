@@ -6,15 +6,14 @@ use bytesize::ByteSize;
 use simpliguard::gltf::GpuCost;
 
 use super::contents::{Clip, Contents, MaterialInfo, Mesh, Skin, TextureInfo};
-use super::{CachedResult, Inspection, LevelSize, Setting};
+use super::{CachedResult, Inspection, LevelSize, ObjectSize, Setting};
 use crate::output::columns;
 
 /// Items of a list that are shown; `--json` has all of them.
 const MOST: usize = 20;
 
 pub(super) fn text(inspection: &Inspection) -> String {
-    let Inspection { file, bytes, contents, source, levels, settings, result, notes, pipeline_version, version: _ } =
-        inspection;
+    let Inspection { file, bytes, contents, source, levels, objects, settings, .. } = inspection;
     let mut out = format!("{file}: {}\n\n", ByteSize(*bytes));
     out += &contents_text(contents);
     out += &memory_text(source, levels);
@@ -22,9 +21,11 @@ pub(super) fn text(inspection: &Inspection) -> String {
         let header = ["level", "budget", "faces", "error %", "file"];
         out += &section("levels", &header, Align::Numbers, levels, level);
     }
+    let header = ["object", "instances", "triangles", "triangles of its levels"];
+    out += &list("objects", &header, Align::Numbers, objects, |_, kind| object(kind));
     out += &section("settings", &["setting", "value", "origin"], Align::Words, settings, setting);
-    out += &result_text(result, pipeline_version);
-    notes.iter().for_each(|note| out += &format!("note: {note}\n"));
+    out += &result_text(&inspection.result, inspection.pipeline_version);
+    inspection.notes.iter().for_each(|note| out += &format!("note: {note}\n"));
     out
 }
 
@@ -48,7 +49,7 @@ fn contents_text(contents: &Contents) -> String {
 
 /// The table of memory and draw calls: the source, then its levels from the most detailed on.
 fn memory_text(source: &GpuCost, levels: &[LevelSize]) -> String {
-    let levels = levels.iter().rev().map(|level| (format!("LOD{}", level.level), level.gpu));
+    let levels = levels.iter().rev().map(|level| (level.name.clone(), level.gpu));
     let rows: Vec<(String, GpuCost)> = iter::once(("source".to_owned(), *source)).chain(levels).collect();
     let row = |(name, cost): &(String, GpuCost)| {
         let [textures, meshes] = [cost.texture_memory, cost.mesh_memory].map(|bytes| ByteSize(bytes).to_string());
@@ -135,15 +136,17 @@ fn clip(i: usize, clip: &Clip) -> Vec<String> {
 }
 
 fn level(level: &LevelSize) -> Vec<String> {
-    let number = |value: Option<u64>| value.map_or("-".to_owned(), |value| value.to_string());
     let error = level.error.map_or("-".to_owned(), |error| format!("{:.2}", 100.0 * error));
-    vec![
-        format!("LOD{}", level.level),
-        number(level.budget),
-        number(level.faces),
-        error,
-        ByteSize(level.bytes).to_string(),
-    ]
+    vec![level.name.clone(), number(level.budget), number(level.faces), error, ByteSize(level.bytes).to_string()]
+}
+
+fn object(object: &ObjectSize) -> Vec<String> {
+    let faces: Vec<String> = object.levels.iter().map(|level| number(level.faces)).collect();
+    vec![object.name.clone(), object.instances.to_string(), number(object.triangles), faces.join(", ")]
+}
+
+fn number(value: Option<u64>) -> String {
+    value.map_or("-".to_owned(), |value| value.to_string())
 }
 
 fn setting(setting: &Setting) -> Vec<String> {

@@ -8,9 +8,10 @@ use simpliguard_bake::Outcome;
 use simpliguard_eval::compare::{Comparison, Options, compare};
 use simpliguard_eval::{jpeg, pictures};
 
+use super::objects::{ObjectKind, objects};
 use super::preview::{Made, Preview, preview};
 use crate::inspect::document::Document;
-use crate::levels::{LevelNode, levels_of};
+use crate::levels::{Instances, Level, Levels, Of, Part};
 use crate::plan::Job;
 use crate::source::SourceFile;
 
@@ -18,6 +19,9 @@ use crate::source::SourceFile;
 const QUALITY: u8 = 85;
 /// PSNR of pictures that are alike, in dB.
 const ALIKE: f64 = 100.0;
+
+/// What a level stands for, and its number.
+pub(super) type LevelKey = (Of, u64);
 
 /// A model of the page.
 pub(super) struct Asset {
@@ -54,6 +58,8 @@ pub(super) struct Measured {
     pub(super) source: Cost,
     /// The smallest first.
     pub(super) levels: Vec<MeasuredLevel>,
+    /// The kinds of objects of a scene with levels for each object.
+    pub(super) objects: Vec<ObjectKind>,
     /// What the models of the 3-D view are made of; `None` if there are none.
     pub(super) preview: Option<Made>,
     #[serde(skip)]
@@ -88,6 +94,11 @@ pub(super) struct Cost {
 /// A level with its figures.
 #[derive(Serialize)]
 pub(super) struct MeasuredLevel {
+    /// `LOD1`, or what it stands for besides.
+    pub(super) name: String,
+    /// What it stands for.
+    #[serde(skip)]
+    pub(super) of: Of,
     /// Its number, from 1, the smallest.
     pub(super) level: u64,
     /// Distance that 95 % of both surfaces stay within, as a fraction of the diagonal of the source's bounding box. `None`
@@ -125,25 +136,35 @@ impl Measured {
             import(&source, &ImportLimits::default())
         };
         let model = read(&result.combined)?;
-        let json = &model.document.json;
-        let nodes = levels_of(json);
-        let models: Vec<Model> =
-            nodes.iter().map(|node| node.model(&job.name, json, &result.combined)).collect::<Result<_, _>>()?;
+        let levels = Levels::of(&model.document.json);
+        let part = |level: &Level| {
+            let part = Part { document: &model.document, nodes: &level.nodes, drawn: Instances::All };
+            part.import(&format!("{}, {}", job.name, level.name))
+        };
+        let models: Vec<Model> = levels.all.iter().map(part).collect::<Result<_, _>>()?;
         let models: Vec<&Model> = models.iter().collect();
-        let sheets = sheets(&model, &models);
-        let compared = compare(&model, &models, &Options { views, volume: false, motion: false });
+        let shown = levels.source_of(&model)?;
+        let sheets = sheets(&shown, &models);
+        let compared = compare(&shown, &models, &Options { views, volume: false, motion: false });
         let document = Document::new(&model);
         let pictures: usize = sheets.iter().map(|sheet| sheet.jpeg.len()).sum();
         let left = usize::try_from(share).unwrap_or(usize::MAX).saturating_sub(pictures);
-        let preview = preview(&model.document, &nodes, left);
-        let level = |(node, comparison): (&LevelNode, Comparison)| MeasuredLevel {
-            level: node.level,
-            deviation: node.error,
-            report: result.report.levels.iter().find(|report| u64::from(report.level) == node.level).cloned(),
-            cost: cost_of_level((&document, &model), node, comparison.faces),
+        let preview = preview(&model.document, &levels, left);
+        let cost = |nodes: &[usize], triangles: usize| {
+            let gpu = gpu_cost(&model.document, nodes.iter().copied());
+            Cost::new(triangles, document.bytes_of_nodes(nodes), gpu)
+        };
+        let report = |level: &Level| result.report.levels.iter().find(|report| u64::from(report.level) == level.level);
+        let measured = |(level, comparison): (&Level, Comparison)| MeasuredLevel {
+            name: level.name.clone(),
+            of: level.of,
+            level: level.level,
+            deviation: level.error,
+            report: report(level).filter(|_| level.of != Of::Objects).cloned(),
+            cost: cost(&level.nodes, comparison.faces),
             comparison,
         };
-        let levels = nodes.iter().zip(compared).map(level).collect();
+        let source = cost(&levels.source, shown.surface.triangles.len());
         let mut seconds: Vec<(String, f64)> = Vec::new();
         for (stage, time) in result.report.seconds {
             match seconds.iter_mut().find(|(name, _)| *name == stage) {
@@ -159,12 +180,18 @@ impl Measured {
             notes: result.report.notes,
             settings: settings(job),
             file_bytes: file.source().bytes.len() as u64,
-            source: cost_of_source(&document, &model),
-            levels,
+            source,
+            levels: levels.all.iter().zip(compared).map(measured).collect(),
+            objects: objects(result.report.objects, levels.kinds),
             preview: preview.as_ref().map(|preview| preview.made),
             models: preview.map(|Preview { glb, .. }| glb),
             sheets,
         })
+    }
+
+    /// The level with a key.
+    pub(super) fn level(&self, key: LevelKey) -> Option<&MeasuredLevel> {
+        self.levels.iter().find(|level| level.key() == key)
     }
 
     /// Bytes that go into the page as base64.
@@ -193,6 +220,11 @@ impl Measured {
 }
 
 impl MeasuredLevel {
+    /// What it stands for, and its number: levels of several models that have these in common are compared.
+    pub(super) fn key(&self) -> LevelKey {
+        (self.of, self.level)
+    }
+
     /// PSNR in dB, unlit. `None` for pictures that are all alike, as those of a white model on white: they say nothing.
     pub(super) fn psnr(&self) -> Option<f64> {
         Some(self.comparison.unlit.psnr).filter(|psnr| *psnr < ALIKE)
@@ -203,18 +235,6 @@ fn settings(job: &Job) -> Vec<Setting> {
     let resolved = job.settings.as_ref().ok();
     let effective = resolved.into_iter().flat_map(|resolved| resolved.effective());
     effective.map(|e| Setting { name: e.name, value: e.value, origin: e.origin.to_string() }).collect()
-}
-
-fn cost_of_source(document: &Document<'_>, model: &Model) -> Cost {
-    let nodes = document.list("nodes");
-    let mesh = |node: &usize| crate::inspect::document::index(nodes.get(*node)?, "mesh");
-    let bytes = document.bytes_of_meshes(model.document.mesh_nodes.iter().filter_map(mesh));
-    let gpu = gpu_cost(&model.document, model.document.mesh_nodes.iter().copied());
-    Cost::new(model.surface.triangles.len(), bytes, gpu)
-}
-
-fn cost_of_level((document, model): (&Document<'_>, &Model), node: &LevelNode, triangles: usize) -> Cost {
-    Cost::new(triangles, document.bytes_of_meshes(node.mesh), gpu_cost(&model.document, [node.node]))
 }
 
 impl Cost {

@@ -1,6 +1,7 @@
 //! `simpliguard report`: one HTML page of models and their levels, with figures, pictures and a 3-D view.
 
 mod asset;
+mod objects;
 mod page;
 mod preview;
 

@@ -4,6 +4,8 @@ use std::fs;
 use std::path::PathBuf;
 use std::process::Command;
 
+use serde_json::{Value, json};
+
 /// A temporary folder with a cache of its own.
 pub(crate) struct Folder(tempfile::TempDir);
 
@@ -56,7 +58,7 @@ impl Run {
     }
 
     /// The JSON document.
-    pub(crate) fn json(&self) -> serde_json::Value {
+    pub(crate) fn json(&self) -> Value {
         serde_json::from_str(&self.stdout).expect("stdout is one JSON document")
     }
 }
@@ -76,7 +78,7 @@ pub(crate) const TRIANGLE: [u8; 36] = {
 
 /// One triangle, as glTF whose bytes lie in another file.
 pub(crate) fn triangle_beside(uri: &str) -> String {
-    serde_json::json!({
+    json!({
         "asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [0]}], "nodes": [{"mesh": 0}],
         "meshes": [{"primitives": [{"attributes": {"POSITION": 0}}]}],
         "buffers": [{"byteLength": 36, "uri": uri}],
@@ -89,6 +91,24 @@ pub(crate) fn triangle_beside(uri: &str) -> String {
 
 /// A bumpy sphere of `2 * rings * rings` triangles.
 pub(crate) fn sphere(rings: u32) -> Vec<u8> {
+    let (positions, triangles) = bumpy_sphere(rings);
+    glb(&positions, &triangles)
+}
+
+/// A scene: two spheres, one of them moved, turned and scaled, and a node of 52 triangles, too few for levels.
+pub(crate) fn scene() -> Vec<u8> {
+    let (positions, triangles) = bumpy_sphere(12);
+    let nodes = json!([
+        {"name": "Ball", "mesh": 0, "translation": [0, 0, 2]},
+        {"name": "Ball.001", "mesh": 0, "translation": [5, 0, 0], "rotation": [0.6, 0, 0, 0.8], "scale": [2, 2, 2]},
+        {"name": "Scrap", "mesh": 1, "translation": [0, 4, 0]},
+    ]);
+    // The other mesh takes each three positions for a triangle.
+    let meshes = json!([mesh(), {"primitives": [{"attributes": {"POSITION": 0}}]}]);
+    glb_of(&positions, &triangles, (&nodes, &meshes))
+}
+
+fn bumpy_sphere(rings: u32) -> (Vec<[f32; 3]>, Vec<[u32; 3]>) {
     let step = std::f32::consts::PI / rings as f32;
     let position = |i: u32, j: u32| {
         let (theta, phi) = (i as f32 * step, 2.0 * (j % rings) as f32 * step);
@@ -99,20 +119,30 @@ pub(crate) fn sphere(rings: u32) -> Vec<u8> {
     let positions: Vec<_> = (0..=rings).flat_map(|i| (0..rings).map(move |j| position(i, j))).collect();
     let at = |i: u32, j: u32| i * rings + j % rings;
     let corners = |(i, j)| [at(i, j), at(i, j + 1), at(i + 1, j), at(i + 1, j + 1)];
-    let triangles: Vec<_> = cells().map(corners).flat_map(|[a, b, c, d]| [[a, b, c], [b, d, c]]).collect();
-    glb(&positions, &triangles)
+    (positions, cells().map(corners).flat_map(|[a, b, c, d]| [[a, b, c], [b, d, c]]).collect())
 }
 
 fn glb(positions: &[[f32; 3]], triangles: &[[u32; 3]]) -> Vec<u8> {
+    let (nodes, meshes) = (json!([{"mesh": 0}]), json!([mesh()]));
+    glb_of(positions, triangles, (&nodes, &meshes))
+}
+
+/// A mesh with all triangles of a file.
+fn mesh() -> Value {
+    json!({"primitives": [{"attributes": {"POSITION": 0}, "indices": 1}]})
+}
+
+fn glb_of(positions: &[[f32; 3]], triangles: &[[u32; 3]], (nodes, meshes): (&Value, &Value)) -> Vec<u8> {
+    let roots: Vec<usize> = (0..nodes.as_array().map_or(0, Vec::len)).collect();
     let mut binary: Vec<u8> = positions.iter().flatten().flat_map(|x| x.to_le_bytes()).collect();
     let split = binary.len();
     binary.extend(triangles.iter().flatten().flat_map(|i| i.to_le_bytes()));
     let bound = |pick: fn(f32, f32) -> f32| {
         positions.iter().copied().reduce(|a, b| std::array::from_fn(|k| pick(a[k], b[k]))).expect("not empty")
     };
-    let mut json = serde_json::json!({
-        "asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [0]}], "nodes": [{"mesh": 0}],
-        "meshes": [{"primitives": [{"attributes": {"POSITION": 0}, "indices": 1}]}],
+    let mut json = json!({
+        "asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": roots}], "nodes": nodes,
+        "meshes": meshes,
         "buffers": [{"byteLength": binary.len()}],
         "bufferViews": [
             {"buffer": 0, "byteLength": split},

@@ -10,5 +10,6 @@ mod gate;
 mod hostile;
 mod inspect;
 mod report;
+mod scene;
 mod together;
 mod usage;

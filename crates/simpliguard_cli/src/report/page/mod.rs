@@ -1,9 +1,12 @@
 //! The page: one HTML document with everything in it.
 
 mod figures;
+mod objects;
 mod overview;
 mod section;
 mod text;
+
+use std::collections::BTreeMap;
 
 use serde::Serialize;
 use simpliguard::{PIPELINE_VERSION, content_hash};
@@ -12,7 +15,7 @@ use self::figures::{COSTS, Figure, Value};
 use self::overview::{overview, worst_first};
 use self::section::{saving, section};
 use self::text::json_in_script;
-use super::asset::{Asset, Measured};
+use super::asset::{Asset, LevelKey, Measured};
 
 /// The scripts of the page; `viewer/build.mjs` makes them from `viewer/src`.
 const SCRIPT: &str = include_str!("../viewer/viewer.js");
@@ -74,7 +77,8 @@ impl Page<'_> {
              <link rel=\"icon\" href=\"data:,\">\n<style nonce=\"{nonce}\">\n{STYLE}</style>\n</head>\n<body>\n"
         );
         html += &self.header();
-        html += &overview(self.assets, &order);
+        let measured = self.assets.iter().filter_map(|asset| asset.result.as_ref().ok());
+        html += &overview(self.assets, &order, &level_names(measured));
         html += "<section id=\"models\"><h2>Each model</h2>\n";
         let first = order.iter().position(|&number| self.assets[number].result.is_ok());
         for (place, &number) in order.iter().enumerate() {
@@ -110,15 +114,20 @@ impl Page<'_> {
     }
 }
 
+/// The names of all levels that models have.
+fn level_names<'a>(models: impl Iterator<Item = &'a Measured>) -> BTreeMap<LevelKey, &'a str> {
+    models.flat_map(|model| &model.levels).map(|level| (level.key(), level.name.as_str())).collect()
+}
+
 /// The costs of all models together: at each level, of those that have it.
 fn savings(models: &[&Measured]) -> String {
-    let most = models.iter().map(|model| model.levels.len()).max().unwrap_or(0);
-    if most == 0 {
+    let levels = level_names(models.iter().copied());
+    if levels.is_empty() {
         return String::new();
     }
     let headings: String = COSTS.iter().map(|figure| format!("<th scope=\"col\">{}</th>", figure.title)).collect();
-    let row = |level: usize| {
-        let with: Vec<_> = models.iter().filter_map(|model| Some((*model, model.levels.get(level - 1)?))).collect();
+    let row = |(&key, name): (&LevelKey, &&str)| {
+        let with: Vec<_> = models.iter().filter_map(|model| Some((*model, model.level(key)?))).collect();
         let cell = |figure: &Figure| {
             let Value::Cost(cost) = figure.value else { return String::new() };
             let source = with.iter().map(|(model, _)| cost(&model.source)).sum::<u64>() as f64;
@@ -128,9 +137,9 @@ fn savings(models: &[&Measured]) -> String {
         };
         let cells: String = COSTS.iter().map(cell).collect();
         let of = text::models(with.len());
-        format!("<tr><th scope=\"row\">LOD{level}<small>{of}</small></th>{cells}</tr>\n")
+        format!("<tr><th scope=\"row\">{name}<small>{of}</small></th>{cells}</tr>\n")
     };
-    let rows: String = (1..=most).rev().map(row).collect();
+    let rows: String = levels.iter().rev().map(row).collect();
     format!(
         "<div class=\"scroll\"><table class=\"savings\"><caption>What the levels of all models cost together</caption>\
          <thead><tr><th scope=\"col\"></th>{headings}</tr></thead>\n<tbody>{rows}</tbody></table></div>\n"

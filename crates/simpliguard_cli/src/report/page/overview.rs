@@ -1,8 +1,11 @@
 //! The table over all models: one body for each level, the worst models first.
 
+use std::collections::BTreeMap;
+
 use super::figures::{COSTS, Figure, LIKENESS, SECONDS, WARNINGS, mean};
 use super::text::{escaped, models};
-use crate::report::asset::{Asset, Measured, MeasuredLevel};
+use crate::levels::Of;
+use crate::report::asset::{Asset, LevelKey, Measured, MeasuredLevel};
 
 /// A row of a level: a model that has it.
 struct Row<'a> {
@@ -29,18 +32,21 @@ fn columns() -> Vec<&'static Figure> {
 }
 
 /// The table.
-pub(super) fn overview(assets: &[Asset], order: &[usize]) -> String {
-    let measured = || assets.iter().filter_map(|asset| asset.result.as_ref().ok());
-    let most = measured().map(|model| model.levels.len()).max().unwrap_or(0);
-    let buttons: String = (1..=most)
-        .map(|level| format!("<button type=\"button\" value=\"{level}\" aria-pressed=\"false\">LOD{level}</button>"))
-        .collect();
+pub(super) fn overview(assets: &[Asset], order: &[usize], levels: &BTreeMap<LevelKey, &str>) -> String {
+    let button = |(number, name): (usize, &&str)| {
+        format!("<button type=\"button\" value=\"{number}\" aria-pressed=\"false\">{name}</button>")
+    };
+    let buttons: String = (1..).zip(levels.values()).map(button).collect();
     let heading = |figure: &&Figure| {
         let (title, help) = (figure.title, escaped(figure.help));
         format!("<th scope=\"col\" data-sort title=\"{help}\"><button type=\"button\">{title}</button></th>")
     };
     let headings: String = columns().iter().map(heading).collect();
-    let bodies: String = (1..=most.max(1)).map(|level| body(assets, order, level)).collect();
+    let body = |(number, (key, name)): (usize, (&LevelKey, &&str))| body(assets, order, (number, *key, name));
+    let mut bodies: String = (1..).zip(levels).map(body).collect();
+    if levels.is_empty() {
+        bodies = body((1, (&(Of::Model, 1), &"LOD1")));
+    }
     format!(
         "<section id=\"overview\"><h2>All models</h2>\n<div class=\"levels tabs\" hidden>{buttons}</div>\n\
          <div class=\"scroll\"><table><thead><tr>\
@@ -49,24 +55,25 @@ pub(super) fn overview(assets: &[Asset], order: &[usize]) -> String {
     )
 }
 
-fn body(assets: &[Asset], order: &[usize], level: usize) -> String {
+/// The body of a level: its number on the page, its key and its name.
+fn body(assets: &[Asset], order: &[usize], (body, key, level): (usize, LevelKey, &str)) -> String {
     let row = |number: usize| {
         let asset = &assets[number];
         let model = asset.result.as_ref().ok()?;
-        Some(Row { number, asset, model, level: model.levels.get(level - 1)? })
+        Some(Row { number, asset, model, level: model.level(key)? })
     };
     let mut rows: Vec<Row<'_>> = order.iter().filter_map(|&number| row(number)).collect();
     let rank = |row: &Row<'_>| row.level.psnr().unwrap_or(row.level.comparison.lit.psnr);
     rows.sort_by(|a, b| rank(a).total_cmp(&rank(b)));
     let span = columns().len();
     let mut html = format!(
-        "<tbody data-level=\"{level}\"><tr class=\"title\"><th scope=\"rowgroup\" colspan=\"{}\">LOD{level}</th></tr>\n",
+        "<tbody data-level=\"{body}\"><tr class=\"title\"><th scope=\"rowgroup\" colspan=\"{}\">{level}</th></tr>\n",
         span + 1
     );
     for &number in order {
         let text = match &assets[number].result {
             Err(error) => format!("failed: {error}"),
-            Ok(model) if model.levels.is_empty() && level == 1 => format!("{}: no levels", model.status_text()),
+            Ok(model) if model.levels.is_empty() && body == 1 => format!("{}: no levels", model.status_text()),
             Ok(_) => continue,
         };
         let (name, text) = (name_cell(number, &assets[number]), escaped(&text));

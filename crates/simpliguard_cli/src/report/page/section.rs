@@ -4,6 +4,7 @@ use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
 
 use super::figures::{ALL_LIKENESS, COSTS, Figure};
+use super::objects::objects;
 use super::text::{count, escaped, two};
 use crate::report::asset::{Asset, Measured, MeasuredLevel, Sheet};
 
@@ -31,8 +32,15 @@ pub(super) fn section(number: usize, asset: &Asset, is_open: bool) -> String {
 }
 
 fn body(number: usize, model: &Measured) -> String {
-    let parts =
-        [view(number, model), notes(&model.notes), figures(model), sheets(model), seconds(model), settings(model)];
+    let parts = [
+        view(number, model),
+        notes(&model.notes),
+        figures(model),
+        objects(&model.objects),
+        sheets(model),
+        seconds(model),
+        settings(model),
+    ];
     parts.concat()
 }
 
@@ -55,7 +63,9 @@ fn view(number: usize, model: &Measured) -> String {
             |side| format!("at most {} texels wide", count(f64::from(side))),
         )
     };
-    let (faces, shown) = (model.source.triangles, count(made.triangles as f64));
+    let faces = model.source.triangles;
+    // The bake leaves out triangles without an area, which the view has.
+    let shown = count(faces.min(made.triangles as u64) as f64);
     let levels = match model.levels.is_empty() {
         true => String::new(),
         false => {
@@ -115,11 +125,11 @@ fn level_row(model: &Measured, level: &MeasuredLevel) -> String {
         format!("<td>{}{}</td>", figure.text_of(value), saving(value, source))
     };
     let cells: String = COSTS.iter().chain(&ALL_LIKENESS).map(cell).collect();
-    let (number, report) = (level.level, level.report.as_ref());
+    let (name, report) = (&level.name, level.report.as_ref());
     let candidate = report.map(|report| escaped(&report.candidate)).unwrap_or_default();
     let stopped = report.and_then(|report| report.stopped.as_deref());
     let stopped = stopped.map(|reason| format!("<small>{}</small>", escaped(reason))).unwrap_or_default();
-    format!("<tr><th scope=\"row\">LOD{number}</th>{cells}<td class=\"text\">{candidate}{stopped}</td></tr>\n")
+    format!("<tr><th scope=\"row\">{name}</th>{cells}<td class=\"text\">{candidate}{stopped}</td></tr>\n")
 }
 
 /// What a level saves of its source's cost.
@@ -143,7 +153,7 @@ fn sheets(model: &Measured) -> String {
     let button =
         |(name, title, _): &(&str, &str, &str)| format!("<button type=\"button\" value=\"{name}\">{title}</button>");
     let buttons: String = SHEETS.iter().map(button).collect();
-    let names = model.levels.iter().rev().map(|level| format!("<span>LOD{}</span>", level.level));
+    let names = model.levels.iter().rev().map(|level| format!("<span>{}</span>", level.name));
     let labels: String = std::iter::once("<span>Source</span>".to_owned()).chain(names).collect();
     let figures: String = model.sheets.iter().map(|sheet| picture(sheet, &labels)).collect();
     format!("<h4>Pictures</h4>\n<div class=\"sheets\"><div class=\"tabs\" hidden>{buttons}</div>\n{figures}</div>\n")

@@ -3,6 +3,7 @@ use simpliguard_eval::compare::{Comparison, ImageMetrics};
 
 use super::super::asset::{Cost, MeasuredLevel};
 use super::*;
+use crate::levels::Of;
 
 fn level(number: u64, psnr: f64) -> MeasuredLevel {
     let unlit = ImageMetrics { psnr, ..ImageMetrics::default() };
@@ -10,7 +11,8 @@ fn level(number: u64, psnr: f64) -> MeasuredLevel {
     let comparison =
         Comparison { faces: 8, unlit, lit, silhouette_iou: 0.9, iou_3d: None, distances: None, motion: None };
     let cost = Cost { triangles: 8, draw_calls: 1, texture_memory: 4000, mesh_memory: 50, bytes: 100 };
-    MeasuredLevel { level: number, deviation: Some(0.25), report: None, cost, comparison }
+    let name = format!("LOD{number}");
+    MeasuredLevel { name, of: Of::Model, level: number, deviation: Some(0.25), report: None, cost, comparison }
 }
 
 fn asset(name: &str, levels: &[f64]) -> Asset {
@@ -24,6 +26,7 @@ fn asset(name: &str, levels: &[f64]) -> Asset {
         file_bytes: 7,
         source: Cost { triangles: 1000, draw_calls: 5, texture_memory: 8000, mesh_memory: 500, bytes: 90_000 },
         levels: (1..).zip(levels).map(|(number, psnr)| level(number, *psnr)).collect(),
+        objects: Vec::new(),
         preview: None,
         models: None,
         sheets: Vec::new(),
@@ -81,6 +84,22 @@ fn hostile_names_stay_text() {
     let figures: serde_json::Value = serde_json::from_str(json).expect("JSON");
     assert_eq!((&figures["assets"][0]["name"], &figures["assets"][1]["error"]), (&name.into(), &name.into()));
     assert_eq!(figures["assets"][0]["levels"][0]["cost"]["triangles"], 8);
+}
+
+#[test]
+fn levels_that_stand_for_different_things_are_not_mixed() {
+    let mut scene = asset("scene", &[22.0]);
+    let level = &mut scene.result.as_mut().expect("measured").levels[0];
+    (level.name, level.of) = ("whole LOD1".into(), Of::Whole);
+    let html = html(&[asset("a", &[20.0]), scene]);
+    for part in ["value=\"1\" aria-pressed=\"false\">LOD1<", "value=\"2\" aria-pressed=\"false\">whole LOD1<"] {
+        assert!(html.contains(part), "{part}");
+    }
+    let body = |number: usize| html.split("<tbody data-level=").nth(number).expect("a body").split("</tbody>").next();
+    let names =
+        [1, 2].map(|number| body(number).map(|body| ["a", "scene"].map(|name| body.contains(&format!(">{name}</a>")))));
+    assert_eq!(names, [Some([true, false]), Some([false, true])]);
+    assert_eq!(html.matches("<small>1 model</small>").count(), 2);
 }
 
 #[test]

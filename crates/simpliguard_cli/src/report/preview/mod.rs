@@ -1,6 +1,8 @@
 //! The models of the 3-D view: the levels of a bake as they are, and their source with fewer triangles, in one binary glTF.
 //!
-//! They share skeleton, clips and materials. The viewer shows the node of one level or the nodes of the source.
+//! They share skeleton, clips and materials. The viewer shows the nodes of one level or those of the source: a node says in
+//! `extras.parts` which of these it belongs to, 0 for the source and 1 for the first level, whose names are in `extras.levels` of
+//! the file.
 
 mod arrays;
 mod decimate;
@@ -15,8 +17,8 @@ use simpliguard::data::Document;
 
 use self::images::{Encoding, Picture};
 use self::writer::Writer;
-use crate::inspect::document::{Document as Lists, index};
-use crate::levels::{LevelNode, indices};
+use crate::inspect::document::{Document as Lists, index, triangles_of_mesh};
+use crate::levels::{Levels, attach, below, indices};
 
 /// What the models of a view may take up, from the most to the least.
 const STEPS: [Limits; 7] = [
@@ -28,6 +30,9 @@ const STEPS: [Limits; 7] = [
     Limits::new(Some(8_000), Some((256, 70)), Some((512, 70))),
     Limits::new(Some(5_000), Some((128, 70)), Some((256, 70))),
 ];
+
+/// The part of a view that shows the source.
+const SOURCE: usize = 0;
 
 /// A limit of the models of a view.
 #[derive(Clone, Copy, Debug)]
@@ -42,7 +47,7 @@ struct Limits {
 /// The models of a view.
 #[derive(Clone, Debug)]
 pub(super) struct Preview {
-    /// Binary glTF. A level's node has its number in `extras.simpliguard.level`.
+    /// Binary glTF.
     pub(super) glb: Vec<u8>,
     pub(super) made: Made,
 }
@@ -73,7 +78,7 @@ const fn encoding(of: Option<(u32, u8)>) -> Option<Encoding> {
 
 /// The models of a bake's output, in at most `bytes`; if nothing is as small as that, as small as they get. `None` if the
 /// document cannot be read.
-pub(super) fn preview(document: &Document, levels: &[LevelNode], bytes: usize) -> Option<Preview> {
+pub(super) fn preview(document: &Document, levels: &Levels, bytes: usize) -> Option<Preview> {
     let shown = Shown::new(document, levels)?;
     let mut last = None;
     for limits in &STEPS {
@@ -95,10 +100,15 @@ pub(super) fn preview(document: &Document, levels: &[LevelNode], bytes: usize) -
 /// What the view shows of a document.
 struct Shown<'a> {
     document: &'a Document,
-    levels: &'a [LevelNode],
+    /// The document with all levels in the tree of its scene.
+    json: Value,
     roots: Vec<usize>,
     /// Nodes that are shown, and those that move them.
     nodes: BTreeSet<usize>,
+    /// The parts that a node with a mesh belongs to, ascending.
+    parts: BTreeMap<usize, Vec<usize>>,
+    /// Names of the parts from 1 on.
+    levels: Vec<&'a str>,
     /// Meshes of the source with the number of times that they stand in the scene, and those of the levels.
     source_meshes: BTreeMap<usize, usize>,
     level_meshes: BTreeSet<usize>,
@@ -110,72 +120,48 @@ struct Shown<'a> {
 }
 
 impl<'a> Shown<'a> {
-    fn new(document: &'a Document, levels: &'a [LevelNode]) -> Option<Self> {
-        let json = &document.json;
-        let scene = index(json, "scene").unwrap_or(0);
-        let mut roots = indices(json.get("scenes")?.get(scene)?, "nodes");
-        let list = json.get("nodes")?.as_array()?;
-        let mut nodes = below(list, &roots);
-        let is_level = |node: &usize| levels.iter().any(|level| level.node == *node);
-        for level in levels.iter().filter(|level| !nodes.contains(&level.node)) {
-            roots.push(level.node);
-        }
-        nodes.extend(below(list, &roots));
+    fn new(document: &'a Document, levels: &'a Levels) -> Option<Self> {
+        let mut json = document.json.clone();
+        let parts = parts(levels);
+        let roots = attach(&mut json, &parts.keys().copied().collect::<Vec<_>>())?;
+        let mut nodes = below(&json, &roots);
         let (mut source_meshes, mut level_meshes, mut skins) = (BTreeMap::new(), BTreeSet::new(), BTreeSet::new());
-        for &node in &nodes {
-            let Some(mesh) = list.get(node).and_then(|node| index(node, "mesh")) else { continue };
-            skins.extend(index(&list[node], "skin"));
-            if is_level(&node) {
-                level_meshes.insert(mesh);
-            } else {
+        for (&node, parts) in &parts {
+            let Some(node) = json.get("nodes")?.get(node) else { continue };
+            let Some(mesh) = index(node, "mesh") else { continue };
+            skins.extend(index(node, "skin"));
+            if parts.contains(&SOURCE) {
                 *source_meshes.entry(mesh).or_insert(0) += 1;
+            }
+            if *parts != [SOURCE] {
+                level_meshes.insert(mesh);
             }
         }
         for skin in &skins {
             nodes.extend(indices(json.get("skins")?.get(*skin)?, "joints"));
         }
-        let mut shown = Self {
+        let triangles = |(mesh, times): (&usize, &usize)| times * triangles_of_mesh(&json, *mesh) as usize;
+        let triangles = source_meshes.iter().map(triangles).sum();
+        let names = levels.all.iter().map(|level| level.name.as_str()).collect();
+        let images = images_of(document, &source_meshes, &level_meshes);
+        Some(Self {
             document,
-            levels,
+            json,
             roots,
             nodes,
+            parts,
+            levels: names,
             source_meshes,
             level_meshes,
             skins,
-            images: BTreeMap::new(),
-            triangles: 0,
-        };
-        shown.triangles = shown.source_meshes.iter().map(|(mesh, times)| times * shown.triangles_of(*mesh)).sum();
-        shown.read_images();
-        Some(shown)
-    }
-
-    fn read_images(&mut self) {
-        let lists = Lists::of(self.document);
-        let images = |meshes: &mut dyn Iterator<Item = &usize>| -> BTreeSet<usize> {
-            meshes.flat_map(|mesh| lists.images_of_mesh(*mesh)).collect()
-        };
-        let of_levels = images(&mut self.level_meshes.iter());
-        for image in images(&mut self.source_meshes.keys()).union(&of_levels) {
-            if let Some(picture) = Picture::read(self.document, *image) {
-                self.images.insert(*image, (of_levels.contains(image), picture));
-            }
-        }
-    }
-
-    fn triangles_of(&self, mesh: usize) -> usize {
-        let accessors = self.document.json.get("accessors");
-        let count = |primitive: &Value| {
-            let positions = || index(primitive.get("attributes")?, "POSITION");
-            let accessor = index(primitive, "indices").or_else(positions)?;
-            index(accessors?.get(accessor)?, "count")
-        };
-        primitives(&self.document.json, mesh).iter().filter_map(count).map(|count| count / 3).sum()
+            images,
+            triangles,
+        })
     }
 
     /// The file within limits. `None` if the document cannot be read.
     fn write(&self, limits: &Limits) -> Option<Preview> {
-        let mut json = self.document.json.clone();
+        let mut json = self.json.clone();
         let mut writer = Writer::new(self.document);
         let fraction = limits.triangles.map_or(1.0, |most| most as f64 / self.triangles.max(1) as f64);
         let mut triangles = 0;
@@ -185,6 +171,8 @@ impl<'a> Shown<'a> {
             if times.is_none() && !self.level_meshes.contains(&i) {
                 primitives.clear();
             }
+            // What levels show, too, keeps the geometry of the bake.
+            let fraction = if self.level_meshes.contains(&i) { 1.0 } else { fraction };
             for primitive in primitives {
                 match times {
                     Some(times) => triangles += times * writer.decimated(primitive, fraction)?,
@@ -196,6 +184,7 @@ impl<'a> Shown<'a> {
         writer.clips(&mut json, &self.nodes)?;
         self.write_nodes(&mut json, &mut writer)?;
         self.write_images(&mut json, &mut writer, limits);
+        json["extras"] = json!({ "levels": self.levels });
         json["scenes"] = json!([{ "nodes": self.roots }]);
         json["scene"] = 0.into();
         let side = |encoding: Option<Encoding>| encoding.map(|encoding| encoding.side);
@@ -214,9 +203,10 @@ impl<'a> Shown<'a> {
             if let Some(extensions) = node.get_mut("extensions").and_then(Value::as_object_mut) {
                 extensions.remove("MSFT_lod");
             }
-            let is_level = self.levels.iter().any(|level| level.node == i);
-            if let (false, Some(node)) = (is_level, node.as_object_mut()) {
-                node.remove("extras");
+            let node = node.as_object_mut()?;
+            node.remove("extras");
+            if let Some(parts) = self.parts.get(&i) {
+                node.insert("extras".into(), json!({ "parts": parts }));
             }
         }
         Some(())
@@ -243,18 +233,28 @@ impl<'a> Shown<'a> {
     }
 }
 
-fn primitives(json: &Value, mesh: usize) -> &[Value] {
-    let mesh = json.get("meshes").and_then(|meshes| meshes.get(mesh));
-    mesh.and_then(|mesh| mesh.get("primitives")?.as_array()).map(Vec::as_slice).unwrap_or_default()
+/// The parts of a view that each node belongs to: the source and the levels.
+fn parts(levels: &Levels) -> BTreeMap<usize, Vec<usize>> {
+    let mut parts: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
+    let nodes = std::iter::once(&levels.source).chain(levels.all.iter().map(|level| &level.nodes));
+    for (part, nodes) in (SOURCE..).zip(nodes) {
+        nodes.iter().for_each(|&node| parts.entry(node).or_default().push(part));
+    }
+    parts
 }
 
-/// Nodes and all below them.
-fn below(nodes: &[Value], roots: &[usize]) -> BTreeSet<usize> {
-    let (mut seen, mut left) = (BTreeSet::new(), roots.to_vec());
-    while let Some(next) = left.pop() {
-        if let (true, Some(node)) = (seen.insert(next), nodes.get(next)) {
-            left.extend(indices(node, "children"));
-        }
-    }
-    seen
+/// The images that meshes of the source and of levels show, and whether a level shows them.
+fn images_of(
+    document: &Document,
+    source_meshes: &BTreeMap<usize, usize>,
+    level_meshes: &BTreeSet<usize>,
+) -> BTreeMap<usize, (bool, Picture)> {
+    let lists = Lists::of(document);
+    let images = |meshes: &mut dyn Iterator<Item = &usize>| -> BTreeSet<usize> {
+        meshes.flat_map(|mesh| lists.images_of_mesh(*mesh)).collect()
+    };
+    let of_levels = images(&mut level_meshes.iter());
+    let all: BTreeSet<usize> = images(&mut source_meshes.keys()).union(&of_levels).copied().collect();
+    let read = |image: usize| Some((image, (of_levels.contains(&image), Picture::read(document, image)?)));
+    all.into_iter().filter_map(read).collect()
 }

@@ -18,22 +18,16 @@ export function split(bytes) {
   return { json, rest: bytes.subarray(20 + length) };
 }
 
-// Numbers of the levels, the smallest first.
+// Names of the levels, in the order of the slider.
 export function levelsOf(json) {
-  const numbers = (json.nodes ?? []).map(numberOf).filter((number) => number !== null);
-  return numbers.sort((a, b) => a - b);
+  return json.extras?.levels ?? [];
 }
 
-function numberOf(node) {
-  return node.extras?.simpliguard?.level ?? null;
-}
-
-// A file with a level alone, or with the source alone for level 0.
-export function part({ json, rest }, level) {
+// A file with one part alone: 0 is the source, 1 the first level. A node may belong to several parts.
+export function part({ json, rest }, number) {
   const copy = structuredClone(json);
   for (const node of copy.nodes ?? []) {
-    const shown = level === 0 ? numberOf(node) === null : numberOf(node) === level;
-    if (!shown) {
+    if (!node.extras?.parts?.includes(number)) {
       delete node.mesh;
       delete node.skin;
     }

@@ -1,11 +1,13 @@
-// The report page: its overview table, its sheets, and the 3-D view of the model that is open.
+// The report page: its tables, its sheets, and the 3-D view of the model that is open.
 
 import { makeSheets } from "./sheets.js";
+import { makeSortable } from "./sort.js";
 import { makeOverview } from "./table.js";
 import { Stage } from "./stage.js";
 
 makeOverview(document.querySelector("#overview"));
 document.querySelectorAll(".sheets").forEach(makeSheets);
+document.querySelectorAll("table.sorted").forEach((table) => makeSortable(table));
 
 // One drawing context serves all models: browsers allow few.
 let stage = null;

@@ -80,13 +80,13 @@ export class Stage {
     this.controls.enableDamping = true;
   }
 
-  // Loads a part of the file once.
-  async need(level) {
-    if (!this.figures.has(level)) {
+  // Loads a part of the file once: the source, which is 0, or a level.
+  async need(number) {
+    if (!this.figures.has(number)) {
       const token = this.token;
-      const figure = await Figure.load(part(this.file, level));
+      const figure = await Figure.load(part(this.file, number));
       if (token !== this.token) return figure.dispose();
-      this.figures.set(level, figure);
+      this.figures.set(number, figure);
     }
   }
 
@@ -114,7 +114,7 @@ export class Stage {
   }
 
   readLevel() {
-    this.level = this.levels[Number(this.inputs.slider.value) - 1] ?? 0;
+    this.level = this.levels.length === 0 ? 0 : Number(this.inputs.slider.value);
   }
 
   async change() {
@@ -145,12 +145,14 @@ export class Stage {
     const count = (figure) => Math.round(figure?.triangles ?? 0).toLocaleString("en");
     this.holder.dataset.mode = heat.checked && this.level > 0 ? "heat" : this.level > 0 ? "both" : "one";
     const all = Number(this.holder.dataset.faces).toLocaleString("en");
-    const isWhole = count(source) === all;
+    // The bake leaves out triangles without an area.
+    const isWhole = (source?.triangles ?? 0) >= Number(this.holder.dataset.faces);
     this.holder.querySelector(".source-label").textContent =
       isWhole ? `Source (${all} triangles)` : `Source preview (${count(source)} of ${all} triangles)`;
-    this.holder.querySelector(".level-label").textContent = `LOD${this.level} (${count(level)} triangles)`;
-    this.holder.querySelector("output").textContent = `LOD${this.level}`;
-    slider.setAttribute("aria-valuetext", `LOD${this.level}`);
+    const name = this.levels[this.level - 1] ?? "";
+    this.holder.querySelector(".level-label").textContent = `${name} (${count(level)} triangles)`;
+    this.holder.querySelector("output").textContent = name;
+    slider.setAttribute("aria-valuetext", name);
   }
 
   // The source, and the level that is selected.
