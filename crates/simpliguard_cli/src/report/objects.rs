@@ -44,8 +44,14 @@ pub(super) fn objects(reports: Vec<ObjectReport>, kinds: Vec<Kind>) -> Vec<Objec
 }
 
 impl From<ObjectReport> for ObjectKind {
-    fn from(ObjectReport { name, instances, source_faces, levels }: ObjectReport) -> Self {
-        let levels = levels.into_iter().map(ObjectLevel::from).collect();
+    fn from(ObjectReport { name, instances, source_faces, levels, own_levels }: ObjectReport) -> Self {
+        let mut levels: Vec<ObjectLevel> = levels.into_iter().map(ObjectLevel::from).collect();
+        // Those that the object came with follow, the smallest first.
+        for own in own_levels.into_iter().rev() {
+            let level = levels.len() as u64 + 1;
+            let (triangles, deviation) = (Some(own.faces), Some(own.error.into()));
+            levels.push(ObjectLevel { level, triangles, deviation, psnr: None, warning: None });
+        }
         Self { name, instances: instances.into(), triangles: Some(source_faces), levels }
     }
 }
