@@ -151,12 +151,21 @@ fn give_up(mut failed: MessageReader<BakeFailed>, mut exit: MessageWriter<AppExi
     }
 }
 
+/// What is drawn.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Shown {
+    Levels,
+    Source,
+    /// The ground alone: what a frame costs without any object.
+    Nothing,
+}
+
 /// What is left to be measured, and what was.
 #[derive(Resource)]
 struct Measurements {
-    left: VecDeque<(Place, bool)>,
+    left: VecDeque<(Place, Shown)>,
     timer: Timer,
-    with_levels: Option<Measured>,
+    done: Vec<Measured>,
     is_exposing: bool,
 }
 
@@ -170,10 +179,10 @@ struct Measured {
 
 impl Measurements {
     fn new(options: &Options) -> Self {
-        let both = |place| [(place, true), (place, false)];
-        let all = [Place::Near, Place::Middle, Place::Far, Place::Horizon].into_iter().flat_map(both);
+        let each = |place| [Shown::Levels, Shown::Source, Shown::Nothing].map(|shown| (place, shown));
+        let all = [Place::Near, Place::Middle, Place::Far, Place::Horizon].into_iter().flat_map(each);
         let left = if options.stay { VecDeque::new() } else { all.collect() };
-        Self { left, timer: Timer::default(), with_levels: None, is_exposing: false }
+        Self { left, timer: Timer::default(), done: Vec::new(), is_exposing: false }
     }
 }
 
@@ -188,7 +197,6 @@ impl Measured {
     }
 }
 
-#[expect(clippy::print_stdout, reason = "the program's result")]
 #[expect(clippy::too_many_arguments, reason = "a system of Bevy lists what it uses")]
 fn measure(
     mut commands: Commands,
@@ -198,17 +206,20 @@ fn measure(
     stats: Res<LodStats>,
     members: Query<(&ViewVisibility, &Mesh3d), With<LodMember>>,
     mut settings: ResMut<LodSettings>,
+    mut village: Single<&mut Visibility, With<WorldAssetRoot>>,
     mut camera: Single<&mut Transform, With<Camera3d>>,
     mut exit: MessageWriter<AppExit>,
 ) {
     if all.is_exposing || options.stay {
         return;
     }
-    let Some(&(place, enabled)) = all.left.front() else {
+    let Some(&(place, shown)) = all.left.front() else {
         exit.write(AppExit::Success);
         return;
     };
     camera.set_if_neq(place.view());
+    village.set_if_neq(if shown == Shown::Nothing { Visibility::Hidden } else { Visibility::Inherited });
+    let enabled = shown != Shown::Source;
     if settings.enabled != enabled {
         settings.enabled = enabled;
     }
@@ -216,20 +227,31 @@ fn measure(
     all.left.pop_front();
     let seen: Vec<AssetId<Mesh>> = members.iter().filter(|(v, _)| v.get()).map(|(_, mesh)| mesh.id()).collect();
     let meshes = (seen.len(), seen.iter().collect::<BTreeSet<_>>().len());
-    let measured = Measured { timing, triangles: stats.triangles, meshes };
+    all.done.push(Measured { timing, triangles: stats.triangles, meshes });
     let name = format!("{place:?}").to_lowercase();
-    if let Some(folder) = &options.screenshot {
+    if let Some(folder) = options.screenshot.as_ref().filter(|_| shown != Shown::Nothing) {
         let _ = std::fs::create_dir_all(folder);
         let path = folder.join(format!("village_{name}{}.png", if enabled { "" } else { "_source" }));
         commands.spawn(Screenshot::primary_window()).observe(save_to_disk(path));
         all.is_exposing = true;
     }
-    if enabled {
-        all.with_levels = Some(measured);
-    } else if let Some(with) = all.with_levels.take() {
-        println!("{name}");
-        println!("  levels of detail   {}", with.line());
-        println!("  source             {}", measured.line());
-        println!("  {:.1} times as fast", timing.mean / with.timing.mean);
+    if let [levels, source, nothing] = all.done[..] {
+        print(&name, levels, source, nothing);
+        all.done.clear();
     }
+}
+
+#[expect(clippy::print_stdout, reason = "the program's result")]
+fn print(place: &str, levels: Measured, source: Measured, nothing: Measured) {
+    let [with, without, empty] = [levels, source, nothing].map(|measured| measured.timing.mean);
+    println!("{place}");
+    println!("  levels of detail   {}", levels.line());
+    println!("  source             {}", source.line());
+    println!("  ground alone       mean {empty:.1} ms");
+    println!(
+        "  {:.1} times as fast; {:.1} ms for the objects in place of {:.1} ms",
+        without / with,
+        (with - empty).max(0.0),
+        (without - empty).max(0.0)
+    );
 }

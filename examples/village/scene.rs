@@ -7,7 +7,7 @@ use std::{fs, io};
 use bevy::math::{Quat, Vec2, Vec3};
 use serde_json::{Value, json};
 
-use crate::shapes::{Kind, Shape, chance, kinds};
+use super::shapes::{Kind, Shape, chance, kinds};
 
 /// The name of the file.
 pub(crate) const FILE: &str = "village.glb";
@@ -15,7 +15,8 @@ pub(crate) const FILE: &str = "village.glb";
 /// Radius of the village in metres.
 pub(crate) const RADIUS: f32 = 62.0;
 
-/// The settings of the file: levels for each object, two for all of them, and what makes the first start quick.
+/// The settings of the file: levels for each object, the smallest of which share their textures, two levels for all of them,
+/// and what makes the first start quick.
 const META: &str = r#"(
     meta_format_version: "1.0",
     asset: Process(
@@ -23,6 +24,7 @@ const META: &str = r#"(
         settings: (
             scope: Objects,
             whole: [1000, 4000],
+            shared_atlas: 1024,
             quality: Draft,
             candidates: Source,
             texture_size: 256,

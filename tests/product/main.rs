@@ -11,3 +11,4 @@ mod plugin;
 mod pops;
 mod scene;
 mod tree;
+mod village;

@@ -6,8 +6,11 @@ use bevy::prelude::*;
 use bevy::render::RenderApp;
 use bevy::render::render_phase::{BinnedRenderPhase, ViewBinnedRenderPhases};
 use bevy_simpliguard::lod::{LodPlugin, LodSettings, LodStats};
+use simpliguard::settings::{Layer, Origin, parse_meta, resolve};
+use simpliguard::{Context, NoResources, Source, bake};
 
 use crate::scene::{Scene, octopus};
+use crate::village;
 
 /// Side of the picture in pixels.
 const SIDE: u32 = 360;
@@ -39,6 +42,38 @@ fn levels_do_not_pop() {
     );
     assert!(hard.0.abs_diff(FRAMES / 2) <= 1 && hard.1 > POP, "a hard switch is not seen: {hard:?}");
     assert!(levels.len() > 2 && levels.first() == Some(&1), "the way shows few levels: {levels:?}");
+    assert!(worst.1 < POP, "frame {} pops: {:.2} times the difference of its neighbours", worst.0, worst.1);
+}
+
+/// The village with levels for its objects and for all of them, baked as in the example.
+fn village() -> Vec<u8> {
+    let folder = tempfile::tempdir().expect("a folder");
+    let bytes = village::write(folder.path());
+    let file = format!("{}.meta", village::FILE);
+    let meta = std::fs::read_to_string(folder.path().join(&file)).expect("was written");
+    let overrides = parse_meta(&meta, &file).expect("valid").expect("settings");
+    let settings = resolve(vec![Layer { origin: Origin::Meta { file }, overrides }]).expect("valid").settings;
+    let source = Source { name: village::FILE, bytes: &bytes, resources: &NoResources };
+    bake(&source, &settings, &Context::default()).expect("bakes").glb
+}
+
+#[test]
+#[ignore = "draws 600 pictures of a village: needs a Vulkan driver, and minutes where that is software"]
+#[expect(clippy::print_stdout, reason = "the figures")]
+fn a_flight_to_a_village_does_not_pop() {
+    // From where one mesh stands for all objects to the first houses.
+    let way = (15.0 * village::RADIUS, 0.8 * village::RADIUS);
+    let mut scene = Scene::new(village(), LodPlugin::default(), SIDE, true);
+    let (with, levels) = scene.approach(way, |_| LodSettings::default());
+    let (without, _) = scene.approach(way, |_| LodSettings { enabled: false, ..default() });
+    let (hard, _) = scene.approach(way, |_| LodSettings { fade: 0.0, pixel_error: 8.0, ..default() });
+    let [worst, without, hard] = [with, without, hard].map(|differences| worst(&differences));
+    println!(
+        "levels of all objects {levels:?}; worst ratio {:.2} at frame {}, without levels {:.2}, with coarse hard switches {:.2}",
+        worst.1, worst.0, without.1, hard.1
+    );
+    assert!(levels.starts_with(&[1]) && levels.ends_with(&[0]), "the flight shows not both: {levels:?}");
+    assert!(hard.1 > POP, "hard switches are not seen: {hard:?}");
     assert!(worst.1 < POP, "frame {} pops: {:.2} times the difference of its neighbours", worst.0, worst.1);
 }
 

@@ -143,7 +143,7 @@ impl<'a> CachedBake<'a> {
             let result = outcome.map(|Outcome { result, .. }| (result.combined, result.report));
             host.compute(|| catch_panics(asset, || scene.take(&object, result)))?;
         }
-        let baked = host.compute(|| catch_panics(asset, || scene.finish()))?;
+        let baked = host.compute(|| catch_panics(asset, || scene.finish(context)))?;
         Ok(BakeResult { combined: baked.glb, levels: Vec::new(), sheet: None, report: baked.report })
     }
 

@@ -3,12 +3,12 @@
 #![expect(clippy::print_stdout, reason = "a measurement")]
 
 use std::cell::RefCell;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use bytes::Bytes;
 use serde_json::{Value, json};
 use simpliguard::settings::{
-    BakeOverrides, BakeSettings, Budgets, Candidates, ExistingLods, ObjectRule, Quality, Scope,
+    AtlasSize, BakeOverrides, BakeSettings, Budgets, Candidates, ExistingLods, ObjectRule, Quality, Scope,
 };
 use simpliguard::{Context, RelativeUri, Report, Resources, Source, Status};
 use simpliguard_bake::{CachedBake, Host, Notice, Parts};
@@ -292,6 +292,28 @@ fn one_level_stands_for_the_whole_scene() {
     let again = bake_with(&moved, &cache, &with_whole);
     assert_eq!((again.baked.len(), again.found), (0, plain.baked.len()));
     assert_ne!(stamps(&again)[1]["error"], small["error"]);
+}
+
+#[test]
+fn the_smallest_levels_share_one_material() {
+    let dir = tempfile::tempdir().expect("tempdir");
+    let cache = Cache::new(dir.path());
+    let plain = bake(&village(), &cache);
+    let with_atlas = BakeSettings { shared_atlas: AtlasSize::Texels(256), ..settings() };
+    let baked = bake_with(&village(), &cache, &with_atlas);
+    assert_eq!((baked.baked.len(), baked.found), (0, plain.baked.len()), "the objects have the keys that they had");
+    let materials = |baked: &Baked, smallest: bool| -> BTreeSet<u64> {
+        let nodes = baked.document["nodes"].as_array().expect("nodes").iter();
+        let stamped =
+            nodes.filter_map(|node| Some((node.pointer("/extras/simpliguard/level")?.as_u64()?, &node["mesh"])));
+        let meshes = stamped.filter(|(level, _)| (*level == 1) == smallest).filter_map(|(_, mesh)| mesh.as_u64());
+        let material = |mesh: u64| baked.document["meshes"][mesh as usize]["primitives"][0]["material"].as_u64();
+        meshes.filter_map(material).collect()
+    };
+    assert_eq!(materials(&plain, true).len(), plain.baked.len());
+    assert_eq!(materials(&baked, true).len(), 1);
+    assert_eq!(materials(&baked, false).len(), materials(&plain, false).len());
+    assert!(materials(&baked, true).is_disjoint(&materials(&baked, false)));
 }
 
 /// Two rocks with a level of their own, and a bush with one of two meshes.

@@ -1,6 +1,7 @@
 //! The models, and where each is shown: in a row of the gallery, one plinth per level, and in an avenue where the distance
 //! chooses the level.
 
+use std::collections::BTreeSet;
 use std::fs;
 use std::path::Path;
 
@@ -8,6 +9,7 @@ use bevy::camera::visibility::Visibility;
 use bevy::gltf::{Gltf, GltfAssetLabel};
 use bevy::prelude::*;
 use bevy_simpliguard::SimpliguardLods;
+use bevy_simpliguard::lod::LodGroup;
 
 use crate::layout::{self, AVENUE};
 
@@ -127,18 +129,41 @@ impl Model {
     }
 }
 
-/// Takes over the levels that the gallery's instances of the source have.
+/// Takes over the levels that the gallery's instances of the source have: those of the scene, or those of its objects.
 fn note_levels(
     mut collection: ResMut<Collection>,
-    sources: Query<(&Exhibit, &Pinned, &SimpliguardLods), Changed<SimpliguardLods>>,
+    sources: Query<(Entity, &Exhibit, &Pinned)>,
+    groups: Query<&LodGroup>,
+    changed: Query<(), Changed<LodGroup>>,
+    mut removed: RemovedComponents<LodGroup>,
+    children: Query<&Children>,
 ) {
-    for (exhibit, _, lods) in sources.iter().filter(|(_, pinned, _)| pinned.0 == 0) {
-        let levels: Vec<Level> =
-            lods.levels.iter().map(|level| Level { number: level.level, triangles: level.faces }).collect();
+    if changed.is_empty() && removed.read().count() == 0 {
+        return;
+    }
+    for (entity, exhibit, _) in sources.iter().filter(|(.., pinned)| pinned.0 == 0) {
+        let of_objects = |group: &&LodGroup| group.objects.is_empty();
+        let found = children.iter_descendants(entity).filter_map(|child| groups.get(child).ok()).filter(of_objects);
+        let levels = levels_of(&found.collect::<Vec<_>>());
         if collection.models[exhibit.0].levels != levels {
             collection.models[exhibit.0].levels = levels;
         }
     }
+}
+
+/// The levels of some groups together, the most detailed first. A group without a level shows the next more detailed one.
+fn levels_of(groups: &[&LodGroup]) -> Vec<Level> {
+    let all = || groups.iter().flat_map(|group| &group.levels).map(|level| level.level);
+    let stand_ins: BTreeSet<u32> = all().filter(|number| *number > 0).collect();
+    let numbers = all().find(|number| *number == 0).into_iter().chain(stand_ins.into_iter().rev());
+    let triangles = |number: u32| {
+        let shown = |group: &&LodGroup| {
+            let level = group.levels.iter().rfind(|level| number > 0 && level.level >= number);
+            level.or(group.levels.first()).map_or(0, |level| level.faces)
+        };
+        groups.iter().map(shown).sum()
+    };
+    numbers.map(|number| Level { number, triangles: triangles(number) }).collect()
 }
 
 /// Gives every level of every model a plinth in the model's row, and takes away those of levels that are gone.
@@ -177,5 +202,33 @@ impl Model {
     /// The levels of the model's row, the most detailed first: the source and its stand-ins.
     fn row(&self) -> Vec<u32> {
         std::iter::once(0).chain(self.levels.iter().map(|level| level.number).filter(|number| *number != 0)).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use bevy_simpliguard::lod::LodLevel;
+
+    use super::*;
+
+    fn group(levels: &[(u32, u32)]) -> LodGroup {
+        let level = |&(level, faces): &(u32, u32)| LodLevel {
+            level,
+            budget: faces,
+            faces,
+            error: 0.0,
+            primitives: Vec::new(),
+            textures: Vec::new(),
+        };
+        let levels = levels.iter().map(level).collect();
+        LodGroup { object: String::new(), center: Vec3::ZERO, radius: 1.0, levels, objects: Vec::new() }
+    }
+
+    #[test]
+    fn levels_of_objects_are_added_up() {
+        let (house, chair) = (group(&[(0, 900), (2, 200), (1, 100)]), group(&[(0, 50), (1, 20)]));
+        let levels: Vec<_> = levels_of(&[&house, &chair]).iter().map(|level| (level.number, level.triangles)).collect();
+        assert_eq!(levels, [(0, 950), (2, 250), (1, 120)]);
+        assert!(levels_of(&[]).is_empty());
     }
 }

@@ -57,7 +57,7 @@ fn paint(
     mut rings: Query<&mut MeshMaterial3d<StandardMaterial>, With<Ring>>,
 ) {
     for (lods, plinth) in &exhibits {
-        let material = &look.materials[lods.current.min(LEVELS) as usize];
+        let material = &look.materials[lods.force.unwrap_or(lods.current).min(LEVELS) as usize];
         for child in plinths.get(plinth.parent()).into_iter().flatten() {
             if let Ok(mut shown) = rings.get_mut(*child)
                 && shown.0 != *material

@@ -303,7 +303,11 @@ fn report_models(
         let sizes = gltf.meshes.iter().filter_map(|mesh| gltf_meshes.get(mesh)).flat_map(|mesh| &mesh.primitives);
         let boxes = sizes.filter_map(|part| meshes.get(&part.mesh)?.compute_aabb());
         let size = boxes.map(|aabb| aabb.half_extents.length()).fold(0.0, f32::max);
-        say(&clock, json!({ "what": "loaded", "path": path, "levels": levels, "size": size }));
+        let of_objects = gltf.named_nodes.keys().filter(|name| name.contains(" LOD")).count();
+        let loaded = json!({
+            "what": "loaded", "path": path, "levels": levels, "levels of objects": of_objects, "size": size,
+        });
+        say(&clock, loaded);
     }
     if !*all && models.0.iter().all(|(_, handle)| assets.contains(handle)) {
         *all = true;

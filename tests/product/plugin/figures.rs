@@ -9,7 +9,8 @@
 use std::time::{Duration, Instant};
 
 use super::model::{globe, globe_glb, globe_glb_coloured, heavy_glb, png};
-use super::project::Project;
+use super::project::{Game, Project};
+use crate::village;
 
 /// Time from the start of a game until it shows 1,000 models whose files are those of its last start.
 fn warm_start(options: &str) -> f64 {
@@ -74,6 +75,48 @@ fn figures_saved_texture() {
         part(baked),
         part(shown)
     );
+    game.quit();
+}
+
+/// Settings with which the objects of a scene get two levels, and a third stands for all of them.
+const OBJECTS: &str = "(defaults: (scope: Objects, faces: [100, 200], whole: [1000], quality: Draft, candidates: Source, \
+                       views: 8, view_size: 128, texture_size: 64, normal_map: false))";
+
+/// Waits until the village is there, with levels or without. Returns when.
+fn wait_for_village(game: &mut Game, has_levels: bool) -> Instant {
+    game.wait(if has_levels { "levels" } else { "the village" }, |r| {
+        r["what"] == "loaded" && (r["levels of objects"].as_u64() > Some(0)) == has_levels
+    });
+    game.wait("an instance", |r| r["what"] == "instance");
+    Instant::now()
+}
+
+#[test]
+#[ignore = "a figure"]
+fn figures_saved_scene() {
+    let project = Project::new();
+    project.save("config/simpliguard.ron", OBJECTS);
+    let glb = village::write(&project.path("assets"));
+    std::fs::remove_file(project.path("assets").join(format!("{}.meta", village::FILE))).expect("was written");
+    let started = Instant::now();
+    let mut game = project.run();
+    wait_for_village(&mut game, false);
+    let first = wait_for_village(&mut game, true) - started;
+    println!("a scene of 300 objects and 20 meshes: levels {:.1} s after the start of the game", first.as_secs_f64());
+    let changes =
+        [("a moved object", village::with_moved_object(&glb)), ("a changed mesh", village::with_changed_mesh(&glb))];
+    for (what, glb) in changes {
+        game.listen(Duration::from_secs(3));
+        let saved = Instant::now();
+        project.save(&format!("assets/{}", village::FILE), glb);
+        let shown = wait_for_village(&mut game, false) - saved;
+        let leveled = wait_for_village(&mut game, true) - saved;
+        println!(
+            "{what}: on screen after {:.2} s, with levels after {:.2} s",
+            shown.as_secs_f64(),
+            leveled.as_secs_f64()
+        );
+    }
     game.quit();
 }
 

@@ -104,6 +104,9 @@ pub struct LodPrimitive {
 #[derive(Component, Reflect, Clone, Debug)]
 #[reflect(Component, Clone)]
 pub struct LodGroup {
+    /// The path of the object in its scene: the names of its node and of all above it, with `/` between them, such as
+    /// `House/Door`. The second node of a name below one parent is `Door#2`. Empty if the levels stand for a whole scene.
+    pub object: String,
     /// Centre of the bounding sphere in the space of this entity, in the rest pose. Distances are measured to it.
     pub center: Vec3,
     /// Radius of the bounding sphere, half the diagonal of the bounding box.

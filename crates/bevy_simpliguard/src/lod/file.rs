@@ -14,6 +14,8 @@ pub(super) struct LodFile {
     pub(super) document: gltf::Document,
     /// The transforms from the space of each node to the scene, in the rest pose.
     pub(super) rest: Vec<Mat4>,
+    /// The parent of each node, and its name among its siblings.
+    names: Vec<(Option<usize>, String)>,
     /// Not empty. One group for the whole scene, or one for each object, and behind them the one that stands for all.
     pub(super) groups: Vec<FileGroup>,
     /// The groups whose most detailed level has a mesh, by that mesh.
@@ -100,7 +102,20 @@ impl LodFile {
                 mirrored.extend(meshes.flat_map(|mesh| mesh.primitives()).filter_map(|p| p.material().index()));
             }
         }
-        Some(Self { document: document.clone(), rest, groups, by_mesh, mirrored })
+        Some(Self { document: document.clone(), rest, names: names(document), groups, by_mesh, mirrored })
+    }
+
+    /// The path of a node: its name and those of all nodes above it.
+    pub(super) fn path(&self, node: usize) -> String {
+        let mut path: Vec<&str> = Vec::new();
+        let mut next = Some(node);
+        // The loader refuses nodes with two parents later. Here the walk only has to end.
+        while let Some((parent, name)) = next.filter(|_| path.len() <= self.names.len()).map(|node| &self.names[node]) {
+            path.push(name);
+            next = *parent;
+        }
+        path.reverse();
+        path.join("/")
     }
 
     pub(super) fn node(&self, index: usize) -> Option<gltf::Node<'_>> {
@@ -178,6 +193,23 @@ fn whole(document: &gltf::Document, name: &str) -> Option<FileGroup> {
         }
         group
     })
+}
+
+/// The parent of each node, and its name, which is different from those of its siblings.
+fn names(document: &gltf::Document) -> Vec<(Option<usize>, String)> {
+    let mut names: Vec<(Option<usize>, String)> = document.nodes().map(|_| (None, String::new())).collect();
+    for (parent, child) in document.nodes().flat_map(|node| node.children().map(move |child| (node.index(), child))) {
+        names[child.index()].0 = Some(parent);
+    }
+    let mut times: HashMap<(Option<usize>, String), usize> = HashMap::new();
+    for node in document.nodes() {
+        let (parent, unique) = &mut names[node.index()];
+        let name = node.name().map_or_else(|| format!("node {}", node.index()), str::to_owned);
+        let times = times.entry((*parent, name.clone())).or_default();
+        *times += 1;
+        *unique = if *times > 1 { format!("{name}#{times}") } else { name };
+    }
+    names
 }
 
 /// The transforms from the space of each node to the scene, in the rest pose.
@@ -304,6 +336,17 @@ mod tests {
         assert_eq!(file.groups[1].levels[0].node, 5, "the most detailed comes first");
         assert_eq!(file.by_mesh[&0], [0, 1, 2]);
         assert_eq!(file.rest[2].transform_point3(bevy::math::Vec3::Y), bevy::math::vec3(3.0, -1.0, 0.0));
+    }
+
+    #[test]
+    fn nodes_have_paths_by_which_they_are_known_again() {
+        let mut nodes = vec![json!({ "name": "House", "children": [1, 2, 3] })];
+        nodes.extend([json!({ "name": "Door" }), json!({ "name": "Door" }), json!({})]);
+        let mut object = level(1, 10, 0.5);
+        object["extras"]["simpliguard"]["object"] = json!(1);
+        nodes.push(object);
+        let file = read(json!(nodes)).expect("levels");
+        assert_eq!([0, 1, 2, 3].map(|node| file.path(node)), ["House", "House/Door", "House/Door#2", "House/node 3"]);
     }
 
     #[test]

@@ -228,7 +228,8 @@ impl SceneBuilder<'_, '_> {
             }
         }
         let (center, radius) = self.sphere(place, bounds);
-        self.world.entity_mut(place.group).insert(LodGroup { center, radius, levels, objects });
+        let object = if file.of == Of::Object { self.file.path(file.holder) } else { String::new() };
+        self.world.entity_mut(place.group).insert(LodGroup { object, center, radius, levels, objects });
     }
 
     /// Centre and radius of the bounding sphere in the space of the group's entity, in the rest pose.

@@ -139,7 +139,7 @@ mod tests {
         };
         let levels =
             vec![level(0, &large, vec![texture.clone(); 2]), level(2, &small, vec![texture]), level(1, &small, vec![])];
-        let group = LodGroup { center: Vec3::ZERO, radius: 1.0, levels, objects: Vec::new() };
+        let group = LodGroup { object: String::new(), center: Vec3::ZERO, radius: 1.0, levels, objects: Vec::new() };
         let mesh = bytes_of_mesh(meshes.get(&small).expect("a mesh"));
         assert!(mesh > 24 * 32);
         let expected = ModelMemory {

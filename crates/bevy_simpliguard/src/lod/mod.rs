@@ -48,6 +48,7 @@ mod distance;
 mod fade;
 mod file;
 mod handler;
+mod kept;
 mod memory;
 mod mipmaps;
 mod stats;

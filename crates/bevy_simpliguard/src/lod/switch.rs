@@ -8,6 +8,7 @@ use bevy::world_serialization::WorldAssetRoot;
 use super::components::{LodGroup, LodLevel, LodMember, LodSettings, SimpliguardLods};
 use super::distance::{Choice, Rung, View, choose, rungs};
 use super::fade::Show;
+use super::kept::KeptObjects;
 
 /// The state of a group between frames.
 #[derive(Component)]
@@ -58,17 +59,24 @@ impl LodState {
     }
 }
 
-/// Inserts the state into each group of a scene that was just spawned, and [`SimpliguardLods`] into the root.
+/// Inserts the state into each group of a scene that was just spawned, and [`SimpliguardLods`] into the root: the one that
+/// an object had before a reload, or a new one.
 pub(super) fn attach(
     mut commands: Commands<'_, '_>,
-    groups: Query<'_, '_, (Entity, Option<&ChildOf>), Added<LodGroup>>,
-    roots: Query<'_, '_, (), With<WorldAssetRoot>>,
+    groups: Query<'_, '_, (Entity, &LodGroup, Option<&ChildOf>), Added<LodGroup>>,
+    mut roots: Query<'_, '_, Option<&mut KeptObjects>, With<WorldAssetRoot>>,
     parents: Query<'_, '_, &ChildOf>,
 ) {
-    for (group, parent) in &groups {
+    for (group, levels, parent) in &groups {
         let parent = parent.map(ChildOf::parent);
         let instance = parents.iter_ancestors(group).find(|&ancestor| roots.contains(ancestor));
-        let root = parent.filter(|_| parent == instance).unwrap_or(group);
+        let root = parent.filter(|_| parent == instance && levels.object.is_empty()).unwrap_or(group);
+        if let Some(instance) = instance.filter(|_| root == group) {
+            match roots.get_mut(instance) {
+                Ok(Some(mut kept)) => kept.restore(levels, &mut commands.entity(root)),
+                _ => drop(commands.entity(instance).insert_if_new(KeptObjects::default())),
+            }
+        }
         commands.entity(root).insert_if_new(SimpliguardLods::default());
         commands.entity(group).insert(LodState {
             root,
@@ -83,16 +91,20 @@ pub(super) fn attach(
     }
 }
 
-/// Empties [`SimpliguardLods`] when its group is removed, for instance because the model is reloaded.
+/// Empties [`SimpliguardLods`] when its group is removed, for instance because the model is reloaded. What is set on an object
+/// is kept on the instance of its scene.
 pub(super) fn detach(
     event: On<'_, '_, Remove, LodGroup>,
-    states: Query<'_, '_, &LodState>,
+    states: Query<'_, '_, (&LodGroup, &LodState, Option<&Visibility>)>,
     mut lods: Query<'_, '_, &mut SimpliguardLods>,
+    mut instances: Query<'_, '_, &mut KeptObjects>,
 ) {
-    let root = states.get(event.entity).map(|state| state.root);
-    if let Ok(mut lods) = root.and_then(|root| lods.get_mut(root)) {
-        lods.levels.clear();
-        lods.current = 0;
+    let Ok((group, state, visibility)) = states.get(event.entity) else { return };
+    let Ok(mut lods) = lods.get_mut(state.root) else { return };
+    lods.levels.clear();
+    lods.current = 0;
+    if let Some(mut kept) = state.scene.and_then(|scene| instances.get_mut(scene).ok()) {
+        kept.keep(group, &lods, visibility.copied().unwrap_or_default());
     }
 }
 

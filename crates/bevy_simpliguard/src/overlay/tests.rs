@@ -91,6 +91,7 @@ fn it_says_how_many_instances_show_each_level() {
     let level =
         |level| LodLevel { level, budget: 9, faces: 9, error: 0.0, primitives: Vec::new(), textures: Vec::new() };
     app.world_mut().spawn(LodGroup {
+        object: String::new(),
         center: Vec3::ZERO,
         radius: 1.0,
         levels: vec![level(0), level(2), level(1)],

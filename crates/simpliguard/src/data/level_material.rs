@@ -53,6 +53,12 @@ pub enum TextureFormat {
 }
 
 impl LevelTextures {
+    /// True if there is no texture.
+    pub fn is_empty(&self) -> bool {
+        let Self { base_color, normal, occlusion_roughness_metallic, emissive, .. } = self;
+        base_color.is_none() && normal.is_none() && occlusion_roughness_metallic.is_none() && emissive.is_none()
+    }
+
     /// Checks that all textures are square, of one size and not empty.
     ///
     /// # Errors

@@ -40,7 +40,7 @@ pub use model::Model;
 pub use morphs::{MorphTarget, Morphs};
 pub use node_pattern::NodePattern;
 pub use rig::{Bone, Influences, Pose, Rig};
-pub use srgb::{linear_to_srgb, srgb_to_linear};
+pub use srgb::{linear_to_srgb, srgb_to_linear, to_byte};
 pub(crate) use surface::gather;
 pub use surface::{SMALLEST_EXTENT, Surface};
 pub use texture::{Texture, Wrap};

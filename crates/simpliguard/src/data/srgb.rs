@@ -11,6 +11,11 @@ pub fn linear_to_srgb(c: f32) -> f32 {
     if c <= 0.003_130_8 { c * 12.92 } else { 1.055 * libm::powf(c, 1.0 / 2.4) - 0.055 }
 }
 
+/// A fraction of full scale as a byte, rounded.
+pub fn to_byte(c: f32) -> u8 {
+    (c.clamp(0.0, 1.0) * 255.0 + 0.5) as u8
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -60,6 +60,13 @@ impl Texture {
         Self { wrap, ..self.clone() }
     }
 
+    /// The finest mip of at most so many texels a side, encoded as the image was.
+    pub(crate) fn mip_of(&self, side: u32) -> RgbaImage {
+        let fits = |mip: &&Mip| mip.width.max(mip.height) <= side;
+        let mip = self.mips.iter().find(fits).unwrap_or(&self.mips[self.mips.len() - 1]);
+        RgbaImage::from_fn(mip.width, mip.height, |x, y| image::Rgba(mip.texels[(y * mip.width + x) as usize]))
+    }
+
     /// Width and height in texels.
     pub fn size(&self) -> [u32; 2] {
         [self.mips[0].width, self.mips[0].height]
@@ -165,6 +172,13 @@ mod tests {
         assert_eq!(texture.sample(Vec2::new(0.5, 0.5), 0.0).x, 0.5);
         let coarse = texture.sample(Vec2::new(0.5, 0.5), 1.0).x;
         assert!((coarse - 0.5).abs() < 3e-3, "{coarse}");
+    }
+
+    #[test]
+    fn a_mip_is_the_finest_that_fits() {
+        let texture = Texture::new(&two_texels(), [Wrap::Clamp; 2], false);
+        assert_eq!(texture.mip_of(2), two_texels());
+        assert_eq!(texture.mip_of(1).into_raw(), [128, 128, 128, 255]);
     }
 
     #[test]

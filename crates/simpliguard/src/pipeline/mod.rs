@@ -76,7 +76,7 @@ fn bake_objects(source: &Source<'_>, settings: &BakeSettings, context: &Context<
         let baked = bake_whole(&object.source(source), &object.settings, &context);
         scene.take(&object, baked.map(|baked| (baked.glb, baked.report)))?;
     }
-    scene.finish()
+    scene.finish(context)
 }
 
 /// Bakes the default scene as one model.

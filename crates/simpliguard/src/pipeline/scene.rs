@@ -13,7 +13,9 @@ use super::own_levels;
 use super::report::{LevelReport, ObjectReport, OwnLevelReport, Report, StageSeconds, Status};
 use super::version::PIPELINE_VERSION;
 use crate::gltf::{ImportLimits, ObjectScene};
-use crate::settings::{BakeSettings, Candidates, ExistingLods, MatchingRules, RuleMatcher, Scope, SourceGeometry};
+use crate::settings::{
+    AtlasSize, BakeSettings, Candidates, ExistingLods, MatchingRules, RuleMatcher, Scope, SourceGeometry,
+};
 use crate::{Error, NoResources, Source};
 
 /// Fewest triangles of a level of an object: those of a box.
@@ -86,10 +88,13 @@ impl SceneBake {
         limits.memory = context.memory.unwrap_or(limits.memory);
         let rules = RuleMatcher::of(settings);
         let class = |name: &str| rules.find(name).bits();
-        let scene = ObjectScene::read(source, &limits, (&settings.objects, class), &context.cancellation)?;
+        let mut scene = ObjectScene::read(source, &limits, (&settings.objects, class), &context.cancellation)?;
         let keeps_levels = settings.existing_lods == ExistingLods::Keep;
         if scene.kinds().is_empty() || scene.is_baked && keeps_levels {
             return Ok(None);
+        }
+        if let AtlasSize::Texels(side) = settings.shared_atlas {
+            scene.share_textures(side, settings.texture_format);
         }
         let reports = scene.kinds().iter().map(|_| None).collect();
         Ok(Some(Self {
@@ -244,9 +249,12 @@ impl SceneBake {
     /// The scene with the levels of all objects.
     ///
     /// # Errors
-    /// [`Error::Limit`] above 4 GiB.
-    pub fn finish(self) -> Result<Baked, Error> {
-        let Self { scene, settings, reports, whole, mut notes, seconds, .. } = self;
+    /// [`Error::Limit`] above 4 GiB, and the error of a bake that was cancelled.
+    pub fn finish(self, context: &Context<'_>) -> Result<Baked, Error> {
+        let Self { mut scene, settings, reports, whole, mut notes, seconds, .. } = self;
+        if let Some(side) = scene.write_shared_textures(&context.cancellation)? {
+            notes.push(format!("the smallest levels of all objects share textures of {side} x {side} texels"));
+        }
         let left_out = scene.levels_left_out;
         if left_out > 0 && self.keeps_levels {
             notes.push(format!(
@@ -281,9 +289,9 @@ impl ProgressSink for ObjectProgress<'_> {
 /// Settings without those that concern the scene: they are the built-in ones, so that objects of all scenes have the same
 /// keys. The scene has the meshes of its own.
 fn without_scene(settings: &BakeSettings) -> BakeSettings {
-    let BakeSettings { objects, object_faces, object_rules, whole, .. } = BakeSettings::default();
+    let BakeSettings { objects, object_faces, object_rules, whole, shared_atlas, .. } = BakeSettings::default();
     let (scope, source) = (Scope::Scene, SourceGeometry::Drop);
-    BakeSettings { scope, objects, object_faces, object_rules, whole, source, ..settings.clone() }
+    BakeSettings { scope, objects, object_faces, object_rules, whole, shared_atlas, source, ..settings.clone() }
 }
 
 /// The settings of the levels that stand for all objects; `None` if there are to be none. All candidates compete, as few

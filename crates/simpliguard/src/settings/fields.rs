@@ -3,6 +3,7 @@
 use serde::de::{Error as _, MapAccess};
 use serde::{Deserialize, Serialize};
 
+use super::atlas_size::AtlasSize;
 use super::budgets::Budgets;
 use super::choices::{
     Candidates, ExistingLods, InitialTexture, JointSplitting, MorphTargets, OnMiss, Quality, Resolution, Scope,
@@ -189,6 +190,9 @@ settings! {
     /// from afar, one mesh of the whole file replaces the levels of its objects. It is baked again when anything in the
     /// file moves.
     whole: Budgets = always(Budgets::default()), Limit::Between(4.0, 1e6);
+    /// Largest side of one set of square textures that the smallest levels of all objects share, in texels, with
+    /// `scope: Objects`: `2048`. So a game draws them with one material. Levels are halved in resolution until all fit.
+    shared_atlas: AtlasSize = always(AtlasSize::Off), Limit::PowerOfTwo(64, 8192);
     /// Cells of the reconstruction along the longest side of the model.
     resolution: Resolution = always(Resolution::Auto), Limit::Between(32.0, 512.0);
     /// Cells of the finest reconstruction that `resolution: Auto` generates. One of more than 256 cells is generated

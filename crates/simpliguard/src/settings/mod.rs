@@ -10,6 +10,7 @@
 //! Limits: comments and formatting of a RON file are not kept. A later layer cannot unset a field; it can set the
 //! default.
 
+mod atlas_size;
 mod budgets;
 mod choices;
 mod field;
@@ -27,6 +28,7 @@ mod texture_size;
 mod value;
 
 pub use crate::data::{MaterialWeight, NodePattern, TextureFormat};
+pub use atlas_size::AtlasSize;
 pub use budgets::Budgets;
 pub use choices::{
     Candidates, ExistingLods, InitialTexture, JointSplitting, MorphTargets, OnMiss, Quality, Resolution, Scope,

@@ -16,16 +16,19 @@ impl ObjectRule {
 
     /// Tells whether all fields that are set concern an object, and not the scene around it.
     fn is_of_an_object(&self) -> bool {
-        let BakeOverrides { scope, objects, object_rules, whole, source, existing_lods, .. } = &self.settings;
-        let divides = scope.is_some() || objects.is_some() || object_rules.is_some() || whole.is_some();
-        !divides && source.is_none() && existing_lods.is_none()
+        let BakeOverrides { scope, objects, object_rules, whole, shared_atlas, source, existing_lods, .. } =
+            &self.settings;
+        let divides = scope.is_some() || objects.is_some() || object_rules.is_some();
+        let is_of_all = whole.is_some() || shared_atlas.is_some() || source.is_some() || existing_lods.is_some();
+        !divides && !is_of_all
     }
 }
 
 impl Value for Vec<ObjectRule> {
     fn accepts(_: Limit) -> String {
         format!(
-            "at most {MOST} of (node: \"glob\", settings: (..)), without scope, objects, object_rules, whole, source and existing_lods"
+            "at most {MOST} of (node: \"glob\", settings: (..)), without scope, objects, object_rules, whole, \
+             shared_atlas, source and existing_lods"
         )
     }
 

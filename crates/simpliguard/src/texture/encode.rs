@@ -5,11 +5,6 @@ use glam::{Mat3, Vec3, Vec4Swizzles};
 use super::texel_map::Texel;
 use crate::data::LevelMesh;
 
-/// A fraction of full scale as a byte, rounded.
-pub(super) fn to_byte(c: f32) -> u8 {
-    (c.clamp(0.0, 1.0) * 255.0 + 0.5) as u8
-}
-
 /// A world-space normal in the tangent space of the level, as 0 to 1. A texel that no face covers gets a flat one.
 pub(super) fn encode_normal(mesh: &LevelMesh, texel: Option<Texel>, normal: Vec3) -> Vec3 {
     let Some(texel) = texel else { return Vec3::new(0.5, 0.5, 1.0) };

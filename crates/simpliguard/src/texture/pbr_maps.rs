@@ -3,11 +3,11 @@
 use glam::{Vec3, Vec4, Vec4Swizzles};
 use image::{Rgb, RgbImage, Rgba, RgbaImage};
 
-use super::encode::{encode_normal, to_byte};
+use super::encode::encode_normal;
 use super::material::MaterialStatistics;
 use super::texel_map::TexelMap;
 use crate::data::TextureFormat;
-use crate::data::{LevelMesh, LevelTextures, linear_to_srgb, srgb_to_linear};
+use crate::data::{LevelMesh, LevelTextures, linear_to_srgb, srgb_to_linear, to_byte};
 use crate::render::{SurfaceSample, fill_unknown};
 
 /// Images that a level gets besides its base colour.

@@ -5,7 +5,7 @@ use std::sync::{Arc, Mutex};
 use bevy::asset::LoadContext;
 use bevy::camera::visibility::VisibilityRange;
 use bevy::gltf::extensions::{ErasedGltfExtensionHandler, GltfExtensionHandler, GltfExtensionHandlers};
-use bevy::gltf::{GltfMaterial, GltfPlugin};
+use bevy::gltf::{Gltf, GltfMaterial, GltfPlugin};
 use bevy::prelude::*;
 use bevy::tasks::block_on;
 use serde_json::{Value, json};
@@ -203,6 +203,38 @@ fn the_instance_of_a_scene_sets_what_its_objects_do_not() {
     app.world().entity_mut(root).insert(SimpliguardLods { enabled: false, ..default() });
     app.app.update();
     assert_eq!(current(&mut app), [0, 0, 0]);
+}
+
+#[test]
+fn a_reload_keeps_what_is_set_on_objects() {
+    let (mut app, root) = loaded();
+    // Without a file watcher, Bevy reloads only what is held as a whole.
+    let file: Handle<Gltf> = app.world().resource::<AssetServer>().load("village.glb");
+    app.update_until(|world| world.resource::<AssetServer>().is_loaded_with_dependencies(&file));
+    let [first, large] = ["first", "large"].map(|name| named(&mut app, name));
+    app.world().entity_mut(first).insert(Visibility::Hidden);
+    *app.lods(large) = SimpliguardLods { force: Some(2), bias: 3.0, ..app.lods(large).clone() };
+    // In the new file, a house has moved, and another one stands before it.
+    let mut nodes = village().json["nodes"].as_array().expect("nodes").clone();
+    nodes[1]["translation"] = json!([1000, 0, 50]);
+    nodes.push(json!({ "name": "new", "mesh": 0 }));
+    let added = nodes.len() - 1;
+    let scenes = json!([{ "nodes": [added, 0, 1, 2] }]);
+    app.add_file("village.glb", village().set("nodes", json!(nodes)).set("scenes", scenes).bytes());
+    // Bevy ignores changes in the first frames after a scene is loaded.
+    (0..4).for_each(|_| app.app.update());
+    app.world().resource::<AssetServer>().reload("village.glb");
+    app.update_until(|world| world.get_entity(first).is_err());
+    app.update_until(|world| world.get::<Children>(root).is_some());
+    app.app.update();
+    let set = ["first", "mirrored", "large"].map(|name| {
+        let entity = named(&mut app, name);
+        let visibility = *app.world().get::<Visibility>(entity).expect("visibility");
+        let lods = app.lods(entity);
+        (lods.force, lods.bias, lods.levels.len(), visibility)
+    });
+    let fresh = (None, 1.0, 3, Visibility::Inherited);
+    assert_eq!(set, [(None, 1.0, 3, Visibility::Hidden), fresh, (Some(2), 3.0, 3, Visibility::Inherited)]);
 }
 
 #[test]

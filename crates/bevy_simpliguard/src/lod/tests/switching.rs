@@ -36,7 +36,13 @@ fn model(app: &mut TestApp) -> Entity {
         LodLevel { level, budget: faces, faces, error, primitives, textures: Vec::new() }
     };
     let levels = vec![level(0, &[-5.0, 0.0, 5.0], 1000, 0.0), level(2, &[0.0], 200, 0.01), level(1, &[0.0], 100, 0.02)];
-    world.entity_mut(group).insert(LodGroup { center: Vec3::ZERO, radius: 10.0, levels, objects: Vec::new() });
+    world.entity_mut(group).insert(LodGroup {
+        object: String::new(),
+        center: Vec3::ZERO,
+        radius: 10.0,
+        levels,
+        objects: Vec::new(),
+    });
     group
 }
 

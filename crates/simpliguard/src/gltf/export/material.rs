@@ -8,7 +8,7 @@ use super::textures::WrittenTextures;
 use crate::data::{AlphaMode, LevelMaterial, Transmission};
 
 /// Appends the material of a level; returns its index.
-pub(super) fn push_material(
+pub(in crate::gltf) fn push_material(
     out: &mut Builder,
     name: &str,
     source: &LevelMaterial,

@@ -25,7 +25,7 @@ pub(super) mod embed;
 pub(super) mod fault;
 pub(super) mod hierarchy;
 mod level;
-mod material;
+pub(super) mod material;
 mod params;
 pub(super) mod prune;
 pub(super) mod ranges;
@@ -33,7 +33,7 @@ mod single;
 mod skin;
 #[cfg(test)]
 mod tests;
-mod textures;
+pub(super) mod textures;
 mod vertex_order;
 mod vertices;
 

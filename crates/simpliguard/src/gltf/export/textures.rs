@@ -14,7 +14,7 @@ use crate::{Cancellation, Error};
 const PNG_LEVEL: u8 = 3;
 
 /// The image files of a level.
-pub(super) struct EncodedTextures {
+pub(in crate::gltf) struct EncodedTextures {
     base_color: Option<EncodedImage>,
     normal: Option<EncodedImage>,
     occlusion_roughness_metallic: Option<EncodedImage>,
@@ -28,7 +28,7 @@ struct EncodedImage {
 }
 
 /// The glTF textures of a level, by index.
-pub(super) struct WrittenTextures {
+pub(in crate::gltf) struct WrittenTextures {
     pub(super) base_color: Option<usize>,
     pub(super) normal: Option<usize>,
     pub(super) occlusion_roughness_metallic: Option<usize>,
@@ -37,7 +37,7 @@ pub(super) struct WrittenTextures {
 
 impl EncodedTextures {
     /// Encodes the textures in parallel. The alpha of the base colour is left out unless some material shows it.
-    pub(super) fn new(
+    pub(in crate::gltf) fn new(
         asset: &str,
         textures: &LevelTextures,
         has_alpha: bool,
@@ -68,7 +68,7 @@ impl EncodedTextures {
     }
 
     /// Appends images and textures.
-    pub(super) fn write(&self, out: &mut Builder, sampler: usize) -> WrittenTextures {
+    pub(in crate::gltf) fn write(&self, out: &mut Builder, sampler: usize) -> WrittenTextures {
         let mut texture = |image: &EncodedImage| {
             let view = out.push_view(&image.bytes, BufferTarget::None);
             let image = out.push(Kind::Image, json!({ "bufferView": view, "mimeType": image.mime }));
@@ -84,7 +84,7 @@ impl EncodedTextures {
 }
 
 /// Appends the sampler of all level textures: trilinear, clamped.
-pub(super) fn push_sampler(out: &mut Builder) -> usize {
+pub(in crate::gltf) fn push_sampler(out: &mut Builder) -> usize {
     out.push(Kind::Sampler, json!({ "magFilter": 9729, "minFilter": 9987, "wrapS": 33071, "wrapT": 33071 }))
 }
 

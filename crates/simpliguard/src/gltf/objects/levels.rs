@@ -7,6 +7,7 @@ use super::copy::Copier;
 use super::find::Object;
 use super::own_levels::OwnLevel;
 use super::recipe::{INSTANCING, Recipe};
+use super::shared_atlas::SharedAtlas;
 use crate::Error;
 use crate::gltf::export::builder::{Builder, Kind, index, indices};
 use crate::gltf::export::clips::copy_weight_channels;
@@ -49,17 +50,31 @@ struct Skin {
 }
 
 impl Levels {
-    /// Copies the levels in the file of a baked object into the scene.
+    /// Copies the levels in the file of a baked object into the scene. The smallest leaves its textures to `atlas`.
     ///
     /// # Errors
     /// If the file is none that the export writes.
-    pub(super) fn take(scene: &mut Builder, name: &str, glb: &[u8]) -> Result<Self, Error> {
-        let (from, mut copier) = (Builder::from_glb(&scene.asset, glb)?, Copier::new(false));
+    pub(super) fn take(
+        scene: &mut Builder,
+        name: &str,
+        glb: &[u8],
+        mut atlas: Option<&mut SharedAtlas>,
+    ) -> Result<Self, Error> {
+        let (mut from, mut copier) = (Builder::from_glb(&scene.asset, glb)?, Copier::new(false));
+        let level = |(i, node): (usize, &Value)| {
+            let stamp = Stamp::deserialize(node.pointer("/extras/simpliguard")?).ok()?;
+            Some((i, stamp, index(node, "mesh")?))
+        };
+        let found: Vec<(usize, Stamp, usize)> = from.all(Kind::Node).iter().enumerate().filter_map(level).collect();
+        let smallest = found.iter().min_by_key(|(_, stamp, _)| stamp.budget).map(|(_, _, mesh)| *mesh);
+        let mut taken = smallest.and_then(|mesh| Some(atlas.as_mut()?.take_materials(&mut from, mesh)));
         let mut levels = Vec::new();
-        for node in from.all(Kind::Node) {
-            let stamp = node.pointer("/extras/simpliguard").and_then(|stamp| Stamp::deserialize(stamp).ok());
-            let Some((stamp, mesh)) = stamp.zip(index(node, "mesh")) else { continue };
-            let Some(mesh) = copier.copy(&from, scene, Kind::Mesh, mesh) else { continue };
+        for (node, stamp, file_mesh) in found {
+            let node = &from.all(Kind::Node)[node];
+            let Some(mesh) = copier.copy(&from, scene, Kind::Mesh, file_mesh) else { continue };
+            if let Some((atlas, taken)) = atlas.as_mut().zip(taken.take_if(|_| Some(file_mesh) == smallest)) {
+                atlas.add(mesh, taken);
+            }
             scene.all_mut(Kind::Mesh)[mesh]["name"] = json!(format!("{name} LOD{}", stamp.level));
             let skin = index(node, "skin").and_then(|skin| from.all(Kind::Skin).get(skin)).map(|skin| {
                 let matrices = index(skin, "inverseBindMatrices");

@@ -10,6 +10,7 @@
 //! - `copy.rs` copies meshes, materials, textures and accessors from one document into another.
 //! - `own_levels.rs` finds the levels that objects come with.
 //! - `levels.rs` takes the levels out of the file of a baked object, and writes their nodes.
+//! - `shared_atlas/` gives the smallest levels of all objects one texture set.
 //! - `scene.rs` puts these steps together.
 //! - `describe.rs` tells a scene from a single model.
 //!
@@ -27,6 +28,7 @@ mod levels;
 mod own_levels;
 mod recipe;
 mod scene;
+mod shared_atlas;
 mod triangles;
 
 pub(crate) use describe::describe_scene;

@@ -8,8 +8,9 @@ use super::find::{self, Object};
 use super::levels::Levels;
 use super::own_levels::{OwnLevel, OwnLevels};
 use super::recipe::{Channels, Recipe};
+use super::shared_atlas::SharedAtlas;
 use super::triangles;
-use crate::data::NodePattern;
+use crate::data::{NodePattern, TextureFormat};
 use crate::gltf::authored::level_nodes;
 use crate::gltf::export::builder::{Builder, Kind, index};
 use crate::gltf::export::embed::embed;
@@ -29,6 +30,8 @@ pub(crate) struct ObjectScene {
     mesh_nodes: Vec<usize>,
     /// The levels that stand for all of them.
     whole: Levels,
+    /// The textures that the smallest levels of all objects share, if they do.
+    atlas: Option<SharedAtlas>,
     /// True for an output of a bake.
     pub(crate) is_baked: bool,
     /// Number of levels of the file that are of no use: those of no object, or of several meshes.
@@ -91,8 +94,14 @@ impl ObjectScene {
             kinds[kind].instances += 1;
             instances.push((object, kind));
         }
-        let (whole, levels_left_out) = (Levels::default(), own_levels.left_out);
-        Ok(Self { out, old_levels, instances, kinds, mesh_nodes, whole, is_baked, levels_left_out })
+        let (whole, atlas, levels_left_out) = (Levels::default(), None, own_levels.left_out);
+        Ok(Self { out, old_levels, instances, kinds, mesh_nodes, whole, atlas, is_baked, levels_left_out })
+    }
+
+    /// Lets the smallest levels of all objects share textures of at most `side` texels a side, a power of two. Levels that
+    /// objects came with keep theirs.
+    pub(crate) fn share_textures(&mut self, side: u32, format: TextureFormat) {
+        self.atlas = Some(SharedAtlas::new(side, format));
     }
 
     /// The kinds of objects, in the order of their first instances.
@@ -130,7 +139,7 @@ impl ObjectScene {
     /// If the file is none that the export writes.
     pub(crate) fn take_levels(&mut self, kind: usize, glb: &[u8]) -> Result<(), Error> {
         let ObjectKind { name, levels, .. } = &mut self.kinds[kind];
-        *levels = Levels::take(&mut self.out, name, glb)?;
+        *levels = Levels::take(&mut self.out, name, glb, self.atlas.as_mut())?;
         Ok(())
     }
 
@@ -139,13 +148,21 @@ impl ObjectScene {
     /// # Errors
     /// If the file is none that the export writes.
     pub(crate) fn take_whole(&mut self, glb: &[u8]) -> Result<(), Error> {
-        self.whole = Levels::take(&mut self.out, "Whole", glb)?;
+        self.whole = Levels::take(&mut self.out, "Whole", glb, None)?;
         Ok(())
     }
 
     /// Shows the levels of `other`, whose file is the same.
     pub(crate) fn share(&mut self, kind: usize, other: usize) {
         self.kinds[kind].shown = other;
+    }
+
+    /// Writes the textures that levels share. Returns their side in texels; `None` if there are none.
+    ///
+    /// # Errors
+    /// If a texture of a level cannot be read, and the error of a bake that was cancelled.
+    pub(crate) fn write_shared_textures(&mut self, cancellation: &Cancellation) -> Result<Option<u32>, Error> {
+        self.atlas.take().map_or(Ok(None), |atlas| atlas.write(&mut self.out, cancellation))
     }
 
     /// The scene with the levels of all instances, as binary glTF. Without `keep_source`, objects with levels lose their own

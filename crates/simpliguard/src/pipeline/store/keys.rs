@@ -8,7 +8,7 @@ use crate::gltf::external_uris;
 use crate::pipeline::params::{LevelParams, Params};
 use crate::pipeline::source::PreparedSource;
 use crate::pipeline::stage::{STAGES, Stage};
-use crate::settings::{BakeSettings, Scope};
+use crate::settings::{AtlasSize, BakeSettings, Scope};
 use crate::simplify::SimplifyParams;
 use crate::skinning::JointPlane;
 use crate::unwrap::UnwrapParams;
@@ -39,7 +39,11 @@ pub fn bake_key(source: &Source<'_>, settings: &BakeSettings) -> Result<Key, Err
         Scope::Objects => {
             let key = key.params(&(settings.scope, &settings.objects, settings.object_faces));
             let key = if settings.object_rules.is_empty() { key } else { key.params(&settings.object_rules) };
-            if settings.whole.0.is_empty() { key } else { key.params(&("whole", &settings.whole)) }
+            let key = if settings.whole.0.is_empty() { key } else { key.params(&("whole", &settings.whole)) };
+            match settings.shared_atlas {
+                AtlasSize::Off => key,
+                AtlasSize::Texels(side) => key.params(&("shared_atlas", side)),
+            }
         }
     };
     Ok(key.finish())
@@ -285,6 +289,9 @@ mod tests {
         assert!(divided != base && few != divided);
         let with_whole = BakeSettings { scope: Scope::Objects, whole: Budgets(vec![9]), ..BakeSettings::default() };
         assert_ne!(divided, key("a.gltf", &OneFile(b"1234"), &with_whole));
+        let shared_atlas = AtlasSize::Texels(64);
+        let with_atlas = BakeSettings { scope: Scope::Objects, shared_atlas, ..BakeSettings::default() };
+        assert_ne!(divided, key("a.gltf", &OneFile(b"1234"), &with_atlas));
     }
 
     #[test]
