@@ -136,6 +136,19 @@ mod tests {
     }
 
     #[test]
+    fn a_network_sees_what_is_missing() {
+        let lpips = crate::lpips::tests::made_up();
+        let source = model(-Vec3::ONE, Vec3::ONE);
+        let half = model(-Vec3::ONE, Vec3::new(0.0, 1.0, 1.0));
+        let options = Options { views: 1, volume: false, motion: false, lpips: Some(&lpips) };
+        let found = compare(&source, &[&source, &half], &options);
+        let [alike, less] = [0, 1].map(|i| found[i].perceptual.expect("asked for"));
+        assert_eq!(alike, PerceptualMetrics { lpips: 0.0, nlpips: 1.0 });
+        assert!(less.lpips > 0.0 && less.nlpips < 1.0 && less.nlpips > 0.0, "{less:?}");
+        assert_eq!(compare(&source, &[&half], &Options { lpips: None, ..options })[0].perceptual, None);
+    }
+
+    #[test]
     fn half_a_box_has_half_the_volume() {
         let source = model(-Vec3::ONE, Vec3::ONE);
         let half = model(-Vec3::ONE, Vec3::new(0.0, 1.0, 1.0));
