@@ -4,12 +4,14 @@
 //! `cargo bench -p simpliguard --bench geometry`; the throughput is in triangles of the input.
 //! `SIMPLIGUARD_BENCH_MODEL` names a glTF, such as a scan, that is simplified as well.
 
+mod shared;
+
 use std::sync::Arc;
 
 use divan::counter::ItemsCount;
 use divan::{Bencher, black_box};
 use glam::Vec3;
-use simpliguard::data::{Cards, Influences, Material, Model, Reconstruction, Surface, TriMesh};
+use simpliguard::data::{Cards, Influences, Model, Reconstruction, TriMesh};
 use simpliguard::geometry::{BoundingSphere, Bvh};
 use simpliguard::reconstruct::reconstruct;
 use simpliguard::render::{Sampling, SurfaceSampler, take_views, viewpoints};
@@ -17,32 +19,14 @@ use simpliguard::settings::BakeSettings;
 use simpliguard::simplify::{self, DeviationMetric, Inputs, OpaqueSurface, SimplifyParams, Tools};
 use simpliguard::{Cancellation, NoResources, Params, Source, gltf};
 
+use shared::{SIZES, meshopt_collapse, torus, torus_model};
+
 /// Faces left after each collapse.
 const TARGET: usize = 4000;
 
 fn main() {
     divan::main();
 }
-
-/// A bumpy torus of `2 n n` triangles: smooth, curved in both directions, with a hole.
-fn torus(n: u32) -> TriMesh {
-    let angle = |i: u32| i as f32 / n as f32 * std::f32::consts::TAU;
-    let at = |i: u32| {
-        let (u, v) = (angle(i % n), angle(i / n));
-        let tube = 0.3 + 0.02 * libm::sinf(11.0 * u) * libm::cosf(7.0 * v);
-        let ring = 1.0 + tube * libm::cosf(v);
-        Vec3::new(ring * libm::cosf(u), tube * libm::sinf(v), ring * libm::sinf(u))
-    };
-    let quad = |i: u32| {
-        let (x, y) = (i % n, i / n);
-        let corner = |dx: u32, dy: u32| (x + dx) % n + (y + dy) % n * n;
-        [[corner(0, 0), corner(0, 1), corner(1, 1)], [corner(0, 0), corner(1, 1), corner(1, 0)]]
-    };
-    TriMesh { positions: (0..n * n).map(at).collect(), triangles: (0..n * n).flat_map(quad).collect() }
-}
-
-/// Samples along the two circles: 32,768, 294,912 and 900,000 triangles.
-const SIZES: [u32; 3] = [128, 384, 671];
 
 #[divan::bench(args = SIZES, sample_count = 5)]
 fn reconstruct_256(bencher: Bencher<'_, '_>, n: u32) {
@@ -62,27 +46,15 @@ fn collapse(bencher: Bencher<'_, '_>, n: u32) {
 #[divan::bench(args = SIZES, sample_count = 5)]
 fn collapse_by_meshopt(bencher: Bencher<'_, '_>, n: u32) {
     let mesh = torus(n);
-    let indices: Vec<u32> = mesh.triangles.iter().flatten().copied().collect();
-    let positions: &[u8] = bytemuck::cast_slice(&mesh.positions);
-    let vertices = meshopt::VertexDataAdapter::new(positions, size_of::<Vec3>(), 0).expect("positions are whole");
-    bencher.counter(ItemsCount::new(mesh.triangles.len())).bench_local(|| {
-        meshopt::simplify(black_box(&indices), &vertices, 3 * TARGET, f32::MAX, meshopt::SimplifyOptions::None, None)
-    });
+    bencher
+        .counter(ItemsCount::new(mesh.triangles.len()))
+        .bench_local(|| meshopt_collapse(black_box(&mesh.positions), &mesh.triangles, &[TARGET]));
 }
 
 /// The stage `simplify` with reconstruction, for the three levels of the default settings.
 #[divan::bench(args = SIZES, sample_count = 1)]
 fn shape_three_levels(bencher: Bencher<'_, '_>, n: u32) {
-    let mesh = torus(n);
-    let surface = Surface {
-        normals: mesh.vertex_normals(),
-        material: vec![0; mesh.triangles.len()],
-        positions: mesh.positions,
-        triangles: mesh.triangles,
-        ..Surface::default()
-    };
-    let model = Model { surface, materials: vec![Material::default()], ..Model::empty("torus") };
-    shape_of(bencher, &model);
+    shape_of(bencher, &torus_model(n));
 }
 
 #[divan::bench(sample_count = 1)]

@@ -115,6 +115,10 @@ pub(crate) struct ReportArgs {
     /// Number of views for the figures, evenly spread around each source.
     #[arg(long, value_name = "N", default_value = "20")]
     pub(crate) views: NonZeroU16,
+    /// Weights of SqueezeNet and LPIPS as safetensors, for LPIPS and NLPIPS. docs/command.md has the command that makes the
+    /// file. It takes about a second for each view and level.
+    #[arg(long, value_name = "FILE")]
+    pub(crate) lpips_weights: Option<PathBuf>,
     /// Size that the page should not exceed. The models in it have fewer triangles and smaller textures for that; pictures and
     /// figures are those of the full models.
     #[arg(long, value_name = "SIZE", default_value = "40MB")]
@@ -243,6 +247,10 @@ pub(crate) struct CompareArgs {
     /// Also compare frames of the clips that both have.
     #[arg(long)]
     pub(crate) motion: bool,
+    /// Weights of SqueezeNet and LPIPS as safetensors, for LPIPS and NLPIPS. docs/command.md has the command that makes the
+    /// file. It takes about a second for each view and level.
+    #[arg(long, value_name = "FILE")]
+    pub(crate) lpips_weights: Option<PathBuf>,
     /// Kinds of objects of a scene to compare at most, each alone: those with the most triangles. 0 for none.
     #[arg(long, value_name = "N", default_value = "8")]
     pub(crate) objects: usize,

@@ -10,3 +10,9 @@ impl From<simpliguard::Error> for UsageError {
         Self(error.to_string())
     }
 }
+
+impl From<simpliguard_eval::LpipsError> for UsageError {
+    fn from(error: simpliguard_eval::LpipsError) -> Self {
+        Self(error.to_string())
+    }
+}

@@ -208,7 +208,7 @@ impl LevelTask<'_> {
     }
 
     fn texture<'s>(&'s self, atlas: &'s Atlas, size: usize) -> LevelTexture<'s> {
-        LevelTexture::new(self.all.source, atlas, self.params.texture, size)
+        LevelTexture::new(self.all.source, &self.all.views.full, atlas, self.params.texture, size)
     }
 
     /// Moves the vertices by differentiable rendering, and the joint weights with them.

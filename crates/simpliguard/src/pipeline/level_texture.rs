@@ -8,9 +8,9 @@ use super::source::PreparedSource;
 use crate::Cancellation;
 use crate::data::{Atlas, Cards, TriMesh, linear_to_srgb};
 use crate::refine::{TexelGrid, TextureFit};
-use crate::render::{SurfaceSample, fill_unknown};
+use crate::render::{Camera, SurfaceSample, View, fill_unknown};
 use crate::settings::InitialTexture;
-use crate::texture::{BakeTarget, TexelMap};
+use crate::texture::{BakeTarget, Projection, TexelMap};
 
 /// Encoded grey of a texture that is not made.
 const GREY: Vec4 = Vec4::new(0.5, 0.5, 0.5, 1.0);
@@ -20,27 +20,60 @@ const HALF_STEP: f32 = 0.5 / 255.0;
 /// The place of a level in a texture.
 pub(super) struct LevelTexture<'a> {
     source: &'a PreparedSource<'a>,
+    views: &'a [View],
     atlas: &'a Atlas,
     params: TextureParams,
     pub(super) texels: TexelMap,
 }
 
 impl<'a> LevelTexture<'a> {
-    pub(super) fn new(source: &'a PreparedSource<'a>, atlas: &'a Atlas, params: TextureParams, size: usize) -> Self {
-        Self { source, atlas, params, texels: TexelMap::new(atlas, size) }
+    /// Of a level of `source`, which `views` show, with an atlas of `size` x `size` texels.
+    pub(super) fn new(
+        source: &'a PreparedSource<'a>,
+        views: &'a [View],
+        atlas: &'a Atlas,
+        params: TextureParams,
+        size: usize,
+    ) -> Self {
+        Self { source, views, atlas, params, texels: TexelMap::new(atlas, size) }
     }
 
-    /// Samples of the source at each texel.
+    /// Samples of the source at each texel. Their colours may be those of the views.
     pub(super) fn bake(
         &self,
         mesh: &TriMesh,
         cards: Option<&Cards>,
         cancellation: &Cancellation,
     ) -> Vec<Option<SurfaceSample>> {
-        self.source
-            .index
-            .baker()
-            .bake(&BakeTarget { mesh, atlas: self.atlas, texels: &self.texels, cards }, cancellation)
+        let target = BakeTarget { mesh, atlas: self.atlas, texels: &self.texels, cards };
+        let mut samples = self.source.index.baker().bake(&target, cancellation);
+        let is_opaque = || samples.iter().flatten().all(|sample| sample.color.w >= 0.5);
+        if let Some(radius) = self.params.projection_radius.filter(|_| cards.is_none() && is_opaque()) {
+            self.project(&target, radius, &mut samples, cancellation);
+        }
+        samples
+    }
+
+    /// Replaces the colours of the samples by those that the views at rest give. What no view reaches takes the colours
+    /// around it.
+    fn project(
+        &self,
+        target: &BakeTarget<'_>,
+        radius: u32,
+        samples: &mut [Option<SurfaceSample>],
+        cancellation: &Cancellation,
+    ) {
+        let cameras: Vec<Camera> =
+            self.views.iter().filter(|view| view.pose.is_none()).map(|view| view.camera).collect();
+        let size = self.views.first().map_or(0, |view| view.image.size);
+        let projection = Projection { cameras: &cameras, size, radius };
+        let colors = self.source.index.baker().project(target, &projection, cancellation);
+        let known: Vec<bool> = colors.iter().map(Option::is_some).collect();
+        let mut texels: Vec<Vec4> = colors.into_iter().map(Option::unwrap_or_default).collect();
+        fill_unknown(&mut texels, &known, self.texels.size);
+        for (sample, color) in samples.iter_mut().zip(texels) {
+            sample.iter_mut().for_each(|sample| sample.color = color.with_w(sample.color.w));
+        }
     }
 
     /// Encoded colours with their gutters. With `alpha` the clear texels of a cut-out take the colour of their neighbours,
@@ -68,7 +101,7 @@ impl<'a> LevelTexture<'a> {
 
     /// How the texture is fitted. Not at all if the baked one has a single colour.
     pub(super) fn fit(&self, samples: &[Option<SurfaceSample>], trust: Option<f32>) -> Option<TextureFit> {
-        let TextureParams { initial, smoothness, solver } = self.params;
+        let TextureParams { initial, smoothness, solver, .. } = self.params;
         let is_done = initial == InitialTexture::Baked && is_uniform(samples);
         (!is_done).then_some(TextureFit { smoothness, trust, solver })
     }

@@ -10,8 +10,8 @@ use crate::gltf::ExportParams;
 use crate::refine::{RefineParams, Solver, TextureAdam};
 use crate::render::ViewParams;
 use crate::settings::{
-    BakeSettings, Candidates, ExistingLods, InitialTexture, JointSplitting, MorphTargets, Resolution, SkinTransfer,
-    SourceGeometry, Target, TextureSolver,
+    BakeSettings, Candidates, ExistingLods, InitialTexture, JointSplitting, LaplacianOf, MorphTargets, Resolution,
+    SkinTransfer, SourceGeometry, Target, TextureSolver,
 };
 use crate::simplify::{CandidateParams, CollapseParams, ImportanceParams};
 use crate::skinning::{SkinningParams, Transfer};
@@ -93,6 +93,9 @@ pub struct TextureParams {
     pub smoothness: f32,
     /// The solver.
     pub solver: Solver,
+    /// Radius of the circles of [`InitialTexture::Projected`], in texels; `None` for other initial textures.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub projection_radius: Option<u32>,
 }
 
 /// Differentiable rendering.
@@ -137,6 +140,8 @@ impl Params {
                 remove_invisible: settings.remove_invisible && !settings.watertight,
                 visible_weight: f64::from(settings.visible_weight),
                 curvature: f64::from(settings.curvature),
+                curvature_angle: (settings.curvature > 0.0).then_some(f64::from(settings.curvature_angle)),
+                invisible_rays: settings.invisible_rays,
                 split_at_joints: settings.joint_planes == JointSplitting::BeforeUnwrap,
             },
             joint_planes: JointPlaneParams { when: settings.joint_planes, delta: settings.joint_delta },
@@ -248,7 +253,11 @@ fn skinning(settings: &BakeSettings) -> SkinningParams {
 }
 
 fn texture(settings: &BakeSettings) -> TextureParams {
-    let adam = TextureAdam { steps: settings.texture_steps, gradient_weight: settings.gradient_weight };
+    let adam = TextureAdam {
+        steps: settings.texture_steps,
+        gradient_weight: settings.gradient_weight,
+        perturbation: settings.texture_perturbation,
+    };
     TextureParams {
         initial: settings.initial_texture,
         smoothness: settings.texture_smoothness,
@@ -256,6 +265,8 @@ fn texture(settings: &BakeSettings) -> TextureParams {
             TextureSolver::LeastSquares => Solver::LeastSquares,
             TextureSolver::Adam => Solver::Adam(adam),
         },
+        projection_radius: (settings.initial_texture == InitialTexture::Projected)
+            .then_some(settings.projection_radius),
     }
 }
 
@@ -272,6 +283,7 @@ fn refine(settings: &BakeSettings) -> RefinementParams {
             texture: None,
             gradient_weight: settings.gradient_weight,
             laplacian_weight: settings.laplacian_weight,
+            laplacian_of_positions: settings.laplacian_of == LaplacianOf::Positions,
             distance_weight: settings.distance_weight,
             normal_weight: settings.normal_weight,
         },
@@ -323,6 +335,7 @@ mod tests {
             ("remove_invisible", "false"),
             ("visible_weight", "0.5"),
             ("curvature", "1"),
+            ("invisible_rays", "64"),
             ("importance", "a:2"),
             ("painted_importance", "2"),
             ("watertight", "true"),
@@ -346,10 +359,12 @@ mod tests {
             ("coarse_views", "9"),
             ("refine_weights", "false"),
             ("initial_texture", "grey"),
+            ("initial_texture", "projected"),
             ("texture_solver", "adam"),
             ("texture_smoothness", "0.5"),
             ("gradient_weight", "0.1"),
             ("laplacian_weight", "0.5"),
+            ("laplacian_of", "positions"),
             ("distance_weight", "0.5"),
             ("normal_weight", "0.5"),
             ("step_length", "0.05"),

@@ -64,7 +64,10 @@ impl<'a> Optimisation<'a> {
             params,
             cancellation,
             constraints: Constraints::new(low),
-            regularisation: Regularisation::new(low, laplacian_weight, params.normal_weight),
+            regularisation: match Regularisation::new(low, laplacian_weight, params.normal_weight) {
+                of_positions if params.laplacian_of_positions => of_positions.of_positions(),
+                of_displacements => of_displacements,
+            },
             distance: SourceDistance::new(target.bvh, low, distance_weight),
             distance_weight,
             adam: Adam::new(3 * vertices),

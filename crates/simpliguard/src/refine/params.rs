@@ -17,6 +17,9 @@ pub struct RefineParams {
     pub gradient_weight: f32,
     /// Weight of the Laplacian of the displacement. The unit of length is the radius of the source's bounding sphere.
     pub laplacian_weight: f32,
+    /// The Laplacian is that of the positions.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    pub laplacian_of_positions: bool,
     /// Weight of the squared distance to the source. The unit of length is the mean edge.
     pub distance_weight: f32,
     /// Weight of the consistency of vertex normals.
@@ -51,4 +54,6 @@ pub struct TextureAdam {
     pub steps: u32,
     /// Weight of the image gradient in the image loss.
     pub gradient_weight: f32,
+    /// Standard deviation in texels of random perturbations that the smoothness compares; 0 compares neighbours.
+    pub perturbation: f32,
 }

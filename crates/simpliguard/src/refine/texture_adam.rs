@@ -3,23 +3,27 @@
 //!
 //! Both use the same pixels: those that lie wholly on the source and on the level.
 
-use glam::Vec4;
+use glam::{Vec2, Vec4};
 use rayon::prelude::*;
 
 use super::batch::{BATCH, Batch};
 use super::covered_views::CoveredViews;
+use super::lookup::Lookup;
 use super::low_poly::{LowPoly, TexelGrid};
 use super::optimizer::Adam;
 use super::params::TextureAdam;
 use crate::Cancellation;
+use crate::geometry::Random;
 use crate::render::fill_unknown;
 
 /// First step of a texel, as a fraction of full scale.
 const RATE: f32 = 0.03;
 /// Length of the last step as a fraction of the first.
 const DECAY: f32 = 0.1;
-/// Seed of the order in which views are taken.
+/// Seed of the order in which views are taken, and of the perturbations.
 const SEED: u64 = 1;
+/// Points that are perturbed in each step, as a fraction of the texels.
+const PERTURBED: usize = 8;
 
 /// Moves the texture of `low` towards the one that fits `views` best, starting from the present one.
 pub(super) fn optimise_texture(
@@ -32,7 +36,7 @@ pub(super) fn optimise_texture(
     if views.len() == 0 {
         return;
     }
-    let mut batch = Batch::new(views, SEED);
+    let (mut batch, mut random) = (Batch::new(views, SEED), Random::new(SEED));
     let mut adam = Adam::new(4 * low.texture.texels.len());
     let (initial, mut seen) = (low.texture.texels.clone(), low.texture.covered.clone());
     let mut rate = RATE;
@@ -48,7 +52,12 @@ pub(super) fn optimise_texture(
             gradient.iter_mut().zip(&slot.gradients.texels).for_each(|(a, b)| *a += *b / BATCH as f32);
         }
         seen.iter_mut().zip(&gradient).for_each(|(seen, g)| *seen |= *g != Vec4::ZERO);
-        add_smoothness(&low.texture, &initial, smoothness, &mut gradient);
+        if params.perturbation > 0.0 {
+            let points = random_points(&low.texture, params.perturbation, &mut random);
+            add_perturbation(&low.texture, &points, smoothness / params.perturbation.powi(2), &mut gradient);
+        } else {
+            add_smoothness(&low.texture, &initial, smoothness, &mut gradient);
+        }
         adam.step(bytemuck::cast_slice_mut(&mut low.texture.texels), bytemuck::cast_slice(&gradient), rate);
         rate *= decay;
     }
@@ -86,9 +95,68 @@ fn add_smoothness(texture: &TexelGrid, initial: &[Vec4], weight: f32, gradient: 
     loss
 }
 
+/// Random points on the covered texels, and the same points perturbed by a normal distribution of this deviation in texels,
+/// as far as those are covered.
+fn random_points(texture: &TexelGrid, deviation: f32, random: &mut Random) -> Vec<[Vec2; 2]> {
+    let side = texture.size as f32;
+    let is_covered = |p: Vec2| {
+        let inside = p.cmpge(Vec2::ZERO).all() && p.cmplt(Vec2::splat(side)).all();
+        inside && texture.covered[p.y as usize * texture.size + p.x as usize]
+    };
+    let mut pair = |_| {
+        let point = Vec2::new(random.unit(), random.unit()) * side;
+        // Box and Muller 1958.
+        let radius = (-2.0 * libm::logf(1.0 - random.unit())).sqrt() * deviation;
+        let (sin, cos) = libm::sincosf(random.unit() * std::f32::consts::TAU);
+        [point, point + Vec2::new(cos, sin) * radius]
+    };
+    (0..texture.texels.len() / PERTURBED).map(&mut pair).filter(|pair| pair.iter().all(|p| is_covered(*p))).collect()
+}
+
+/// Adds the gradient of `weight / 2` times the squared differences of the colours at pairs of points, as if there were a
+/// pair for every texel; returns that loss. It is `L_tex` of the paper.
+fn add_perturbation(texture: &TexelGrid, points: &[[Vec2; 2]], weight: f32, gradient: &mut [Vec4]) -> f64 {
+    let (size, weight) = (texture.size, weight * PERTURBED as f32);
+    let mut loss = 0.0;
+    for pair in points {
+        let lookups = pair.map(|point| Lookup::new(point, size));
+        let [a, b] = lookups.map(|lookup| lookup.sample(&texture.texels, size));
+        let difference = a - b;
+        for (lookup, sign) in lookups.iter().zip([1.0, -1.0]) {
+            for (texel, share) in lookup.texels(size).into_iter().zip(lookup.weights()) {
+                gradient[texel] += difference * (sign * weight * share);
+            }
+        }
+        loss += f64::from(0.5 * weight * difference.length_squared());
+    }
+    loss
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn perturbed_points_stay_on_covered_texels_and_match_central_differences() {
+        let texels: Vec<Vec4> = (0..64u8).map(|i| Vec4::new(f32::from(i % 9) / 9.0, 0.3, 0.0, 1.0)).collect();
+        let covered: Vec<bool> = (0..64).map(|i| i % 8 < 5).collect();
+        let mut texture = TexelGrid { size: 8, texels, covered, opacity: Vec::new() };
+        let mut random = Random::new(3);
+        let points: Vec<[Vec2; 2]> = (0..9).flat_map(|_| random_points(&texture, 0.7, &mut random)).collect();
+        assert!(points.len() > 20 && points.iter().flatten().all(|p| p.x < 5.0), "{points:?}");
+        let mut gradient = vec![Vec4::ZERO; 64];
+        add_perturbation(&texture, &points, 0.01, &mut gradient);
+        for i in [9, 20, 36] {
+            let mut at = |h: f32| {
+                texture.texels[i].x += h;
+                let loss = add_perturbation(&texture, &points, 0.01, &mut [Vec4::ZERO; 64]);
+                texture.texels[i].x -= h;
+                loss
+            };
+            let difference = (at(0.01) - at(-0.01)) / 0.02;
+            assert!((difference - f64::from(gradient[i].x)).abs() < 1e-4, "{difference} {}", gradient[i].x);
+        }
+    }
 
     #[test]
     fn smoothness_matches_central_differences_and_stays_on_covered_texels() {

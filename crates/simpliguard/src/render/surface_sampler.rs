@@ -100,6 +100,22 @@ impl<'a> SurfaceSampler<'a> {
         color
     }
 
+    /// The barycentric coordinates at so many texels of the colour texture from `b`, on the plane of triangle `t`. Those of
+    /// `b` itself without a texture.
+    pub(crate) fn shifted(&self, t: usize, b: Vec3, texels: Vec2) -> Vec3 {
+        let material = self.material(t);
+        let texture = if material.only_emits() { &material.emissive_texture } else { &material.base_color_texture };
+        let Some(texture) = texture else { return b };
+        let size = self.model.textures[texture.texture].size();
+        let [o, p, q] = [Vec3::X, Vec3::Y, Vec3::Z].map(|corner| self.uv(texture, t, corner));
+        let m = Mat2::from_cols(p - o, q - o);
+        if m.determinant().abs() < 1e-12 {
+            return b;
+        }
+        let step = m.inverse() * (texels / Vec2::from(size.map(|side| side as f32)));
+        b + Vec3::new(-step.x - step.y, step.x, step.y)
+    }
+
     /// Unit shading normal in world space, with the normal map.
     pub fn normal(&self, t: usize, b: Vec3, footprint: Footprint) -> Vec3 {
         let surface = &self.model.surface;

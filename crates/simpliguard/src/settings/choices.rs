@@ -120,6 +120,8 @@ choice! {
         Baked,
         /// A uniform grey.
         Grey,
+        /// Copied from the source's texture, pixel by pixel of the views, as in the paper (section 3.3).
+        Projected,
     }
 }
 
@@ -131,6 +133,17 @@ choice! {
         LeastSquares,
         /// `texture_steps` steps of the optimizer Adam, as in the paper.
         Adam,
+    }
+}
+
+choice! {
+    /// The vectors whose Laplacian is kept small.
+    pub enum LaplacianOf {
+        /// The displacements of the vertices: corners of the shape stay.
+        #[default]
+        Displacements,
+        /// The positions of the vertices, as in the paper: it smooths the shape.
+        Positions,
     }
 }
 

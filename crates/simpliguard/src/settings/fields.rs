@@ -6,8 +6,8 @@ use serde::{Deserialize, Serialize};
 use super::atlas_size::AtlasSize;
 use super::budgets::Budgets;
 use super::choices::{
-    Candidates, ExistingLods, InitialTexture, JointSplitting, MorphTargets, OnMiss, Quality, Resolution, Scope,
-    SkinTransfer, SourceGeometry, TextureSolver,
+    Candidates, ExistingLods, InitialTexture, JointSplitting, LaplacianOf, MorphTargets, OnMiss, Quality, Resolution,
+    Scope, SkinTransfer, SourceGeometry, TextureSolver,
 };
 use super::field::{FieldInfo, PerQuality, ValueSeed, always, by_quality, check};
 use super::target::Target;
@@ -202,10 +202,16 @@ settings! {
     candidates: Candidates = always(Candidates::All), Limit::None;
     /// Removes faces that no ray from outside reaches.
     remove_invisible: bool = always(true), Limit::None;
+    /// Number of random rays from each vertex of a shape that has met its budget. Faces are removed if no ray from any of
+    /// their vertices leaves the shape, as in the paper. With 0, none are.
+    invisible_rays: u32 = always(0), Limit::Between(0.0, 1000.0);
     /// Fraction of a face's quadric weight that comes from its visible size. With 0, faces weigh by their area alone.
     visible_weight: f32 = always(0.9), Limit::Between(0.0, 1.0);
     /// Weight of the curvature quadric (alpha in the paper). It keeps faces where the surface bends.
     curvature: f32 = always(0.0), Limit::Between(0.0, 10.0);
+    /// Sum of the angles at a vertex, in radians, between its normal and those of its faces at which the curvature of the
+    /// quadric is a half. It is one on flats, and lower where the surface bends more.
+    curvature_angle: f32 = always(0.001), Limit::Between(0.0001, 100.0);
     /// Weights of the faces of some materials, such as `[(material: "*Face*", weight: 4.0)]`. Other faces have the
     /// weight 1. The last entry that matches a material's name applies.
     importance: Vec<MaterialWeight> = always(Vec::new()), Limit::None;
@@ -265,17 +271,25 @@ settings! {
     refine_weights: bool = always(true), Limit::None;
     /// Texture before it is fitted to the views. Textures of cut-outs are always baked.
     initial_texture: InitialTexture = always(InitialTexture::Baked), Limit::None;
+    /// Radius in texels of the circles that `initial_texture: Projected` copies around each pixel of a view. With 0, each
+    /// pixel gives one texel.
+    projection_radius: u32 = always(2), Limit::Between(0.0, 16.0);
     /// Solver that fits textures to the views.
     texture_solver: TextureSolver = always(TextureSolver::LeastSquares), Limit::None;
     /// Number of steps each time that `texture_solver: Adam` fits a texture.
     texture_steps: u32 = always(200), Limit::Between(0.0, 5000.0);
     /// Weight that keeps neighbouring texels from changing differently. It counts most where the views say little.
     texture_smoothness: f32 = always(0.1), Limit::Between(0.0, 10.0);
+    /// Standard deviation in texels of the random perturbations in the texture loss of `texture_solver: Adam` (`L_tex` in
+    /// the paper). With 0, neighbouring texels are compared, and by their changes alone.
+    texture_perturbation: f32 = always(0.0), Limit::Between(0.0, 16.0);
     /// Weight of the error of the image gradient, where the error of the image has the weight 1 (`L_img` in the paper).
     /// It counts when vertices are moved, and when `Adam` fits textures.
     gradient_weight: f32 = always(0.5), Limit::Between(0.0, 10.0);
     /// Weight of the Laplacian of the vertex displacements (`L_laplacian` in the paper), in squared radii of the model.
     laplacian_weight: f32 = always(0.02), Limit::Between(0.0, 10.0);
+    /// The vectors that `laplacian_weight` is for.
+    laplacian_of: LaplacianOf = always(LaplacianOf::Displacements), Limit::None;
     /// Weight of the mean squared distance to the source, in squared mean edge lengths of the level. It keeps the
     /// surface near the source where images say nothing. In steps at half size it is smaller, in proportion to the
     /// views that `coarse_views` adds.

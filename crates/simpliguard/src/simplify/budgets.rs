@@ -2,7 +2,7 @@
 
 use glam::{Affine3A, Vec3};
 
-use super::face_weights::face_weights;
+use super::face_weights::{face_areas, face_weights};
 use super::inputs::Inputs;
 use super::params::SimplifyParams;
 use super::qem::Simplifier;
@@ -60,7 +60,10 @@ fn prepare(inputs: &Inputs<'_>, params: &SimplifyParams, input: &SimplifyInput) 
     if is_cancelled() {
         return None;
     }
-    let mut simplifier = Simplifier::new(&unit, &weights, params.collapse.curvature);
+    let mut simplifier = match params.collapse.curvature_angle {
+        Some(angle) => Simplifier::with_curvature(&unit, &weights, params.collapse.curvature, angle),
+        None => Simplifier::new(&unit, &weights, 0.0),
+    };
     simplifier.stop_with(inputs.cancellation);
     let largest = params.budgets.last().copied().unwrap_or(0) as usize;
     if params.collapse.remove_invisible && !input.is_clear {
@@ -122,7 +125,7 @@ impl Collapse<'_> {
             let collapse = |simplifier: &mut Simplifier, shortfall| {
                 simplifier.run(budget as usize);
                 resolve(simplifier);
-                let mesh = self.with_joint_planes(simplifier, budget as usize);
+                let mesh = self.without_unseen(self.with_joint_planes(simplifier, budget as usize));
                 Shape::unscored(mesh, double_sided, candidate, shortfall)
             };
             shapes.push(collapse(&mut simplifier, shortfall));
@@ -135,6 +138,19 @@ impl Collapse<'_> {
             unblocked.clear();
         }
         Collapsed { shapes, unblocked, is_stuck: simplifier.is_stuck() }
+    }
+
+    /// The mesh without the faces that no random ray leaves from (section 3.2 of the paper), if there are any rays.
+    fn without_unseen(&self, mesh: TriMesh) -> TriMesh {
+        let Self { inputs, params, .. } = *self;
+        let rays = params.collapse.invisible_rays;
+        if rays == 0 {
+            return mesh;
+        }
+        let unit = to_unit_sphere(&mesh, &inputs.sphere);
+        let mut simplifier = Simplifier::new(&unit, &face_areas(&unit), 0.0);
+        simplifier.remove_faces(&visibility::enclosed_by_random_rays(&unit, rays, inputs.cancellation));
+        from_unit_sphere(simplifier.mesh(), &inputs.sphere)
     }
 
     /// The mesh of the simplifier, split along the joint planes within the budget. To make room, a copy of the

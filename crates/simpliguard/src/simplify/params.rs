@@ -49,6 +49,17 @@ pub struct CollapseParams {
     pub visible_weight: f64,
     /// Weight of the curvature constraint (alpha in the paper).
     pub curvature: f64,
+    /// Sum of angles around a vertex at which its curvature is a half, in radians; `None` without the constraint.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub curvature_angle: Option<f64>,
+    /// Random rays from each vertex of a finished shape, whose faces without a ray that leaves are removed; 0 keeps all.
+    #[serde(skip_serializing_if = "is_zero")]
+    pub invisible_rays: u32,
     /// Faces are split along the joint planes at once. Otherwise as many faces are kept free in the budget.
     pub split_at_joints: bool,
+}
+
+/// Left out of the keys, so that shapes of earlier bakes are found.
+fn is_zero(number: &u32) -> bool {
+    *number == 0
 }

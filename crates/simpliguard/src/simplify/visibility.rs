@@ -9,7 +9,7 @@ use rayon::prelude::*;
 
 use crate::Cancellation;
 use crate::data::TriMesh;
-use crate::geometry::{BoundingSphere, Bvh, fibonacci_directions};
+use crate::geometry::{BoundingSphere, Bvh, Random, fibonacci_directions};
 use crate::render::{Camera, EMPTY_PIXEL, Raster, Rect};
 
 /// Number of directions from which a mesh is viewed in the rest pose.
@@ -141,6 +141,27 @@ pub(super) fn keep_enclosed(
     wanted.for_each(|(t, face)| *face = *face && !sees_out(t));
 }
 
+/// Finds the faces of a mesh in the unit sphere from whose vertices no ray leaves, of so many random ones from each vertex
+/// over the hemisphere of its normal: the paper's own test, `H = 0`.
+pub(super) fn enclosed_by_random_rays(mesh: &TriMesh, rays: u32, cancellation: &Cancellation) -> Vec<bool> {
+    const LIFT: f32 = 1e-4;
+    const BEYOND: f32 = 4.0;
+    let bvh = Bvh::new(&mesh.positions, &mesh.triangles);
+    let normals = mesh.vertex_normals();
+    let sees_out = |v: usize| {
+        let (normal, mut random) = (normals[v], Random::new(v as u64));
+        let from = mesh.positions[v] + normal * LIFT;
+        (0..rays).any(|_| {
+            let direction = random.rotation() * Vec3::Z;
+            let direction = if direction.dot(normal) < 0.0 { -direction } else { direction };
+            !bvh.occluded(from, direction, BEYOND)
+        })
+    };
+    let seen: Vec<bool> =
+        (0..mesh.positions.len()).into_par_iter().map(|v| cancellation.is_cancelled() || sees_out(v)).collect();
+    mesh.triangles.iter().map(|triangle| triangle.iter().all(|&v| !seen[v as usize])).collect()
+}
+
 #[cfg(test)]
 pub(super) mod tests {
     use super::*;
@@ -162,6 +183,16 @@ pub(super) mod tests {
         let mut faces = [true, true, true, false, true, true, true, true];
         keep_enclosed(&mut faces, &mesh, &sphere, false, &Cancellation::default());
         assert_eq!(faces, [true, true, true, false, false, false, false, false]);
+    }
+
+    #[test]
+    fn random_rays_do_not_leave_a_closed_shell_either() {
+        let mesh = nested();
+        let radius = BoundingSphere::around(&mesh.positions).radius;
+        let unit = TriMesh { positions: mesh.positions.iter().map(|p| *p / radius).collect(), ..mesh };
+        let enclosed = |rays| enclosed_by_random_rays(&unit, rays, &Cancellation::default());
+        assert_eq!(enclosed(64), [true, true, true, true, false, false, false, false]);
+        assert_eq!(enclosed(0), [true; 8]);
     }
 
     #[test]

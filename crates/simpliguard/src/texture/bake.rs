@@ -112,7 +112,7 @@ impl<'a> LevelSurface<'a> {
 }
 
 /// Area in space that one texel of each face stands for.
-fn texel_areas(target: &BakeTarget<'_>) -> Vec<f32> {
+pub(super) fn texel_areas(target: &BakeTarget<'_>) -> Vec<f32> {
     let BakeTarget { mesh, atlas, texels, .. } = *target;
     let area = |t: usize| {
         let [a, b, c] = atlas.uvs[t].map(|uv| uv * texels.size as f32);

@@ -1,8 +1,8 @@
 //! Textures of a level.
 //!
 //! Each texel of the atlas stands for a point of the level. A ray along the level's normal finds the source's surface
-//! there ([`Baker`]). These samples make the initial texture. Unlike the splatting of the paper's section 3.3, they also
-//! reach what no view sees. After the last vertex step the level is baked once more, for the normal,
+//! there ([`Baker`]). These samples make the initial texture. Unlike the copies of the paper's section 3.3
+//! ([`Projection`], to compare with), they also reach what no view sees. After the last vertex step the level is baked once more, for the normal,
 //! occlusion-roughness-metallic and emissive maps ([`pbr_maps`]). Dilation fills the gutters around the charts
 //! ([`crate::render::fill_unknown`]).
 
@@ -13,6 +13,7 @@ mod level_mesh;
 mod material;
 mod pbr_maps;
 mod probe;
+mod projection;
 mod tangents;
 #[cfg(test)]
 mod tests;
@@ -22,4 +23,5 @@ pub use bake::{BakeTarget, Baker};
 pub use level_mesh::level_mesh;
 pub use material::{MaterialStatistics, level_material};
 pub use pbr_maps::{Channels, pbr_maps};
+pub use projection::Projection;
 pub use texel_map::{Texel, TexelMap};

@@ -4,13 +4,13 @@ use glam::{Affine2, Vec2, Vec3, Vec4};
 use image::{DynamicImage, Rgba, RgbaImage};
 
 use super::material::MaterialStatistics;
-use super::{BakeTarget, Baker, Channels, TexelMap, level_material, level_mesh, pbr_maps};
+use super::{BakeTarget, Baker, Channels, Projection, TexelMap, level_material, level_mesh, pbr_maps};
 use crate::Cancellation;
 use crate::data::{
     AlphaMode, Atlas, LevelTextures, Material, Model, Surface, Texture, TextureRef, TriMesh, Wrap, srgb_to_linear,
 };
 use crate::geometry::{BoundingSphere, Bvh};
-use crate::render::{SurfaceSample, SurfaceSampler};
+use crate::render::{Camera, SurfaceSample, SurfaceSampler};
 
 const SIZE: usize = 64;
 
@@ -202,4 +202,46 @@ fn a_normal_map_survives_where_level_and_source_lie_alike() {
             assert!(shown.distance(expected.normalize()) < 0.02, "{shown} {expected}");
         }
     }
+}
+
+/// The colours that an image of the square from above gives to the texels.
+fn projected(model: &Model, size: usize, radius: u32) -> Vec<Option<Vec4>> {
+    let (mesh, atlas) = level();
+    let bvh = Bvh::new(&model.surface.positions, &model.surface.triangles);
+    let bounding_sphere = BoundingSphere::around(&model.surface.positions);
+    let texels = TexelMap::new(&atlas, SIZE);
+    let target = BakeTarget { mesh: &mesh, atlas: &atlas, texels: &texels, cards: None };
+    let sampler = SurfaceSampler::new(model);
+    let cameras = [Camera::orbit(&bounding_sphere, Vec3::Z, 0.6, 1.0)];
+    let projection = Projection { cameras: &cameras, size, radius };
+    Baker { sampler: &sampler, bvh: &bvh, bounding_sphere }.project(&target, &projection, &Cancellation::default())
+}
+
+#[test]
+fn a_projection_copies_circles_of_the_texture() {
+    let texels: Vec<[u8; 4]> =
+        (0..64 * 64u32).map(|i| [2 * (i % 64) as u8 + 90, 2 * (i / 64) as u8 + 90, 0, 255]).collect();
+    let painted = Material { base_color_texture: texture_ref(0, Affine2::IDENTITY), ..plain() };
+    let model = source([painted.clone(), painted], vec![texture(64, &texels, Wrap::Clamp, true)]);
+    let (baked, texels) = (samples(&model), SIZE * SIZE);
+    // An image in which the square takes about 45 x 45 pixels: fewer than it has texels.
+    let known = |radius| projected(&model, 64, radius).iter().flatten().count();
+    let [single, small, whole] = [0, 1, 2].map(known);
+    assert!(single < texels * 6 / 10 && small > 3 * single / 2 && whole == texels, "{single} {small} {whole}");
+    for (color, baked) in projected(&model, 64, 2).iter().zip(&baked) {
+        let (color, baked) = (color.expect("reached"), baked.expect("covered").color);
+        // A pixel's point lies up to half a texel off the centre; a texel is two steps of eight bits.
+        assert!((color - baked).abs().max_element() < 2.5 / 255.0, "{color} {baked}");
+    }
+}
+
+#[test]
+fn a_projection_leaves_out_what_no_image_shows() {
+    let mut model = source([plain(), plain()], Vec::new());
+    // The left half is gone.
+    model.surface.triangles.drain(..2);
+    model.surface.material.drain(..2);
+    let colors = projected(&model, 128, 1);
+    let known = |x: usize| colors[32 * SIZE + x].is_some();
+    assert!(!known(10) && !known(28) && known(34) && known(60));
 }

@@ -8,6 +8,7 @@ use std::borrow::Cow;
 
 use simpliguard::data::Model;
 use simpliguard::{Error, Printable};
+use simpliguard_eval::Lpips;
 use simpliguard_eval::compare::{Options, compare};
 
 use self::objects::ObjectRows;
@@ -19,7 +20,9 @@ use crate::error::UsageError;
 use crate::output::{json_text, write_stdout};
 
 pub(crate) fn run(args: &CompareArgs) -> Result<(), UsageError> {
-    let options = Options { views: args.views.get().into(), motion: args.motion, ..Options::default() };
+    let lpips = args.lpips_weights.as_deref().map(Lpips::open).transpose()?;
+    let (views, lpips) = (args.views.get().into(), lpips.as_ref());
+    let options = Options { views, motion: args.motion, lpips, ..Options::default() };
     let source = Opened::read(&args.source)?;
     let given = args.levels.iter().map(|path| Opened::read(path)).collect::<Result<Vec<_>, _>>()?;
     let outputs: Vec<&Opened> = if given.is_empty() { vec![&source] } else { given.iter().collect() };
@@ -36,13 +39,13 @@ pub(crate) fn run(args: &CompareArgs) -> Result<(), UsageError> {
     let text = if args.json {
         json_text(&Document::new(&source.file, faces, options.views, &rows))?
     } else {
-        table(&rows, args.motion)
+        table(&rows, &options)
     };
     write_stdout(&text)
 }
 
 /// Compares whole files, and levels of whole files, with the source. Returns the rows, and the triangles of the source.
-fn whole_pictures(source: &Opened, outputs: &[&Opened], options: &Options) -> Result<(Vec<Row>, usize), Error> {
+fn whole_pictures(source: &Opened, outputs: &[&Opened], options: &Options<'_>) -> Result<(Vec<Row>, usize), Error> {
     let mut candidates = Vec::new();
     for output in outputs {
         candidates.extend(output.candidates()?);

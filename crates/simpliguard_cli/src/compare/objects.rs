@@ -48,7 +48,7 @@ impl<'a> ObjectRows<'a> {
     ///
     /// # Errors
     /// Those of the import.
-    pub(super) fn compare(&self, options: &Options, rows: &mut Vec<Row>) -> Result<(), Error> {
+    pub(super) fn compare(&self, options: &Options<'_>, rows: &mut Vec<Row>) -> Result<(), Error> {
         if !self.kinds.is_empty() {
             let (count, file) = (self.kinds.len(), Printable(&self.output.file));
             console::line(&format!("comparing {count} kinds of objects of {file} over {} views", options.views));
@@ -59,7 +59,7 @@ impl<'a> ObjectRows<'a> {
         Ok(())
     }
 
-    fn compare_kind(&self, kind: &Kind, options: &Options, rows: &mut Vec<Row>) -> Result<(), Error> {
+    fn compare_kind(&self, kind: &Kind, options: &Options<'_>, rows: &mut Vec<Row>) -> Result<(), Error> {
         let Self { source, output, .. } = self;
         let alone = source.part(&kind.nodes, kind.drawn).import(&format!("{}, {}", source.file, kind.name))?;
         let level = |level: &Level| {

@@ -2,7 +2,7 @@
 
 use serde::Serialize;
 use simpliguard::Printable;
-use simpliguard_eval::compare::{Comparison, Distances, MotionMetrics};
+use simpliguard_eval::compare::{Comparison, Distances, MotionMetrics, Options, PerceptualMetrics};
 
 use crate::output::columns;
 
@@ -65,6 +65,12 @@ const COLUMNS: [Column; 10] = [
     ("Hausdorff %", |c| c.distances.map(|Distances { hausdorff, .. }| percent(hausdorff))),
 ];
 
+/// The columns of `--lpips-weights`.
+const LPIPS_COLUMNS: [Column; 2] = [
+    ("LPIPS", |c| c.perceptual.map(|PerceptualMetrics { lpips, .. }| format!("{lpips:.4}"))),
+    ("NLPIPS", |c| c.perceptual.map(|PerceptualMetrics { nlpips, .. }| format!("{nlpips:.4}"))),
+];
+
 /// The columns of `--motion`.
 const MOTION_COLUMNS: [Column; 3] = [
     ("moving", |c| c.motion.map(|MotionMetrics { psnr, .. }| decibels(psnr))),
@@ -90,9 +96,11 @@ impl Subject {
     }
 }
 
-/// The table. With `motion`, it has the columns of that, too.
-pub(super) fn table(rows: &[Row], motion: bool) -> String {
-    let shown: Vec<&Column> = COLUMNS.iter().chain(MOTION_COLUMNS.iter().filter(|_| motion)).collect();
+/// The table, with the columns of what was asked for.
+pub(super) fn table(rows: &[Row], options: &Options<'_>) -> String {
+    let lpips = LPIPS_COLUMNS.iter().filter(|_| options.lpips.is_some());
+    let motion = MOTION_COLUMNS.iter().filter(|_| options.motion);
+    let shown: Vec<&Column> = COLUMNS.iter().chain(lpips).chain(motion).collect();
     let header = std::iter::once("level").chain(shown.iter().map(|(title, _)| *title)).map(str::to_owned).collect();
     let cells = |Row { subject, comparison }: &Row| {
         let cells = shown.iter().map(|(_, cell)| cell(comparison).unwrap_or_else(|| "-".to_owned()));

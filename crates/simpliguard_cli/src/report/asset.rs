@@ -119,7 +119,7 @@ pub(super) struct Setting {
 }
 
 impl Measured {
-    /// Measures a result over `views` views. Its 3-D view takes about `share` bytes less those of its pictures.
+    /// Measures a result as the options say. Its 3-D view takes about `share` bytes less those of its pictures.
     ///
     /// # Errors
     /// Those of the import.
@@ -128,7 +128,7 @@ impl Measured {
         file: &SourceFile,
         outcome: Outcome,
         seconds_total: f64,
-        (views, share): (usize, u64),
+        (options, share): (&Options<'_>, u64),
     ) -> Result<Self, Error> {
         let (result, cached) = (outcome.result, outcome.is_cached);
         let read = |bytes| {
@@ -145,7 +145,7 @@ impl Measured {
         let models: Vec<&Model> = models.iter().collect();
         let shown = levels.source_of(&model)?;
         let sheets = sheets(&shown, &models);
-        let compared = compare(&shown, &models, &Options { views, volume: false, motion: false });
+        let compared = compare(&shown, &models, options);
         let document = Document::new(&model);
         let pictures: usize = sheets.iter().map(|sheet| sheet.jpeg.len()).sum();
         let left = usize::try_from(share).unwrap_or(usize::MAX).saturating_sub(pictures);

@@ -12,6 +12,8 @@ use bytesize::ByteSize;
 use simpliguard::Printable;
 use simpliguard_bake::Parts;
 use simpliguard_cache::{Durability, write_atomic};
+use simpliguard_eval::Lpips;
+use simpliguard_eval::compare::Options;
 
 use self::asset::{Asset, Measured, shared_folder};
 use self::page::Page;
@@ -30,6 +32,8 @@ const BASE64_GROUP: u64 = 4;
 /// Writes the page.
 pub(crate) fn run(args: &ReportArgs) -> Result<Exit, UsageError> {
     let jobs = jobs(&args.models, args.out.as_path())?;
+    let lpips = args.lpips_weights.as_deref().map(Lpips::open).transpose()?;
+    let options = Options { views: args.views.get().into(), volume: false, motion: false, lpips: lpips.as_ref() };
     let runner = Runner::new(&args.models)?;
     runner.probe(&jobs)?;
     // Bakes take too long to find out afterwards.
@@ -42,7 +46,7 @@ pub(crate) fn run(args: &ReportArgs) -> Result<Exit, UsageError> {
     for (number, job) in jobs.iter().enumerate() {
         let progress = AssetProgress::new(number + 1, jobs.len(), &job.name);
         let label = job.name.get(shared..).unwrap_or(&job.name).to_owned();
-        let result = report_on(args, &runner, job, progress, &mut budget);
+        let result = report_on(&options, &runner, job, progress, &mut budget);
         assets.push(Asset { name: job.name.clone(), label, result });
     }
     runner.finish();
@@ -54,7 +58,7 @@ pub(crate) fn run(args: &ReportArgs) -> Result<Exit, UsageError> {
 
 /// One model: its result, its figures and its pictures. A failure is that of this model alone.
 fn report_on(
-    args: &ReportArgs,
+    options: &Options<'_>,
     runner: &Runner<'_>,
     job: &Job,
     progress: AssetProgress,
@@ -67,8 +71,8 @@ fn report_on(
         let request = Request { job, file: &file, settings, parts, progress, begin: &|| Ok(()) };
         let outcome = runner.find_or_bake(&request).map_err(|e| e.to_string())?;
         let seconds = start.elapsed().as_secs_f64();
-        let limits = (args.views.get().into(), budget.share());
-        runner.in_pool(|| Measured::new(job, &file, outcome, seconds, limits)).map_err(|e| e.to_string())
+        let measures = (options, budget.share());
+        runner.in_pool(|| Measured::new(job, &file, outcome, seconds, measures)).map_err(|e| e.to_string())
     });
     budget.spend(result.as_ref().map_or(0, Measured::bytes));
     let outcome = match &result {

@@ -56,6 +56,8 @@ fn what_cannot_be_compared_is_named() {
         (&["ball.glb", "none.glb"], "none.glb: import: cannot read the file: there is no such file; check the path"),
         (&["ball.glb", "broken.glb"], "broken.glb: import: "),
         (&["ball.glb", "ball.glb", "--views", "0"], "--views"),
+        (&["ball.glb", "ball.glb", "--lpips-weights", "none"], "none: it cannot be read: "),
+        (&["ball.glb", "ball.glb", "--lpips-weights", "broken.glb"], "broken.glb: it is no safetensors file: "),
         (&[], "required"),
     ] {
         let run = folder.run(&[&["compare"], args].concat());

@@ -2,12 +2,13 @@
 //! and 11), measures what the initial texture saves (Figure 9), and how time grows with the source (Figure 7).
 //!
 //! ```text
-//! cargo run --release -p simpliguard_eval --example ablations -- [--faces 1000,2000,4000] [--views N] [--only TEXT]
-//!     [--set field=value]... [--pictures DIR] [--initialisation] [--runtime] FILE.glb...
+//! cargo run --release -p simpliguard_eval --example ablations -- [--faces 1000,2000,4000] [--views N] [--only TEXT,..]
+//!     [--set field=value]... [--motion] [--pictures DIR] [--initialisation] [--runtime] FILE.glb...
 //! ```
 
 mod baking;
 mod initialisation;
+mod parts;
 mod runtime;
 mod sphere;
 mod switches;
@@ -21,7 +22,10 @@ use simpliguard::settings::{BakeOverrides, BakeSettings};
 struct Arguments {
     settings: BakeSettings,
     views: usize,
-    only: Option<String>,
+    /// Rows whose names contain one of these, beside all parts; all rows if there is none.
+    only: Vec<String>,
+    /// Also measure frames of the clips.
+    motion: bool,
     pictures: Option<PathBuf>,
     initialisation: bool,
     runtime: bool,
@@ -30,15 +34,16 @@ struct Arguments {
 
 fn arguments() -> Result<Arguments, Box<dyn Error>> {
     let mut overrides = BakeOverrides::default();
-    let (mut views, mut only, mut pictures, mut files) = (20, None, None, Vec::new());
-    let (mut initialisation, mut runtime) = (false, false);
+    let (mut views, mut only, mut pictures, mut files) = (20, Vec::new(), None, Vec::new());
+    let (mut initialisation, mut runtime, mut motion) = (false, false, false);
     let mut words = std::env::args().skip(1);
     while let Some(word) = words.next() {
         let mut value = || words.next().ok_or_else(|| format!("{word} needs a value"));
         match word.as_str() {
             "--faces" => overrides.set("faces", &value()?)?,
             "--views" => views = value()?.parse()?,
-            "--only" => only = Some(value()?),
+            "--only" => only = value()?.split(',').map(str::to_owned).collect(),
+            "--motion" => motion = true,
             "--set" => {
                 let text = value()?;
                 let (name, value) = text.split_once('=').ok_or("--set takes field=value")?;
@@ -54,7 +59,7 @@ fn arguments() -> Result<Arguments, Box<dyn Error>> {
         return Err("name at least one .glb file".into());
     }
     let settings = baking::resolved(&overrides)?;
-    Ok(Arguments { settings, views, only, pictures, initialisation, runtime, files })
+    Ok(Arguments { settings, views, only, motion, pictures, initialisation, runtime, files })
 }
 
 fn main() -> Result<(), Box<dyn Error>> {
@@ -62,7 +67,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     if arguments.initialisation {
         initialisation::run(&arguments)?;
     } else if !arguments.files.is_empty() {
-        switches::run(&arguments)?;
+        parts::run(&arguments)?;
     }
     if arguments.runtime {
         runtime::run(&arguments)?;

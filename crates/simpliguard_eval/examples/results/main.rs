@@ -1,12 +1,15 @@
 //! The table of results: how much the levels of a folder of models look like their sources, beside those of meshoptimizer.
 //!
 //! ```text
-//! cargo run --release -p simpliguard_eval --example results -- [--faces 1000,2000,4000] [--views N] [--baked DIR] FOLDER
+//! cargo run --release -p simpliguard_eval --example results -- [--faces 1000,2000,4000] [--views N] [--baked DIR]
+//!     [--lpips-weights FILE] [--bench DIR] FOLDER
 //! ```
 //!
 //! It bakes every `.glb` file of the folder with the built-in settings, or takes `DIR/<name>_<budget>.glb`, as `simpliguard
-//! bake --split-levels` writes them. meshoptimizer collapses the source's own mesh; its textures stay.
+//! bake --split-levels` writes them. meshoptimizer collapses the source's own mesh; its textures stay. With `--bench`, there is
+//! no meshoptimizer, and a table of how much the figures of another benchmark differ.
 
+mod agreement;
 mod peer;
 mod table;
 
@@ -17,6 +20,7 @@ use simpliguard::data::Model;
 use simpliguard::gltf::{ImportLimits, import};
 use simpliguard::settings::BakeSettings;
 use simpliguard::{Context, NoResources, Source, bake};
+use simpliguard_eval::Lpips;
 use simpliguard_eval::compare::{Options, compare};
 
 use table::Row;
@@ -26,11 +30,15 @@ struct Arguments {
     faces: Vec<u32>,
     views: usize,
     baked: Option<PathBuf>,
+    lpips: Option<Lpips>,
+    /// Folder of the figures of another benchmark.
+    bench: Option<PathBuf>,
     folder: PathBuf,
 }
 
 fn arguments() -> Result<Arguments, Box<dyn Error>> {
-    let (mut faces, mut views, mut baked, mut folder) = (BakeSettings::default().faces, 20, None, None);
+    let (mut faces, mut views, mut folder) = (BakeSettings::default().faces, 20, None);
+    let (mut baked, mut lpips, mut bench) = (None, None, None);
     let mut words = std::env::args().skip(1);
     while let Some(word) = words.next() {
         let mut value = || words.next().ok_or_else(|| format!("{word} needs a value"));
@@ -38,10 +46,12 @@ fn arguments() -> Result<Arguments, Box<dyn Error>> {
             "--faces" => faces = value()?.split(',').map(str::parse).collect::<Result<_, _>>()?,
             "--views" => views = value()?.parse()?,
             "--baked" => baked = Some(value()?.into()),
+            "--bench" => bench = Some(PathBuf::from(value()?)),
+            "--lpips-weights" => lpips = Some(Lpips::open(value()?.as_ref())?),
             _ => folder = Some(word.into()),
         }
     }
-    Ok(Arguments { faces, views, baked, folder: folder.ok_or("name the folder with the models")? })
+    Ok(Arguments { faces, views, baked, lpips, bench, folder: folder.ok_or("name the folder with the models")? })
 }
 
 fn main() -> Result<(), Box<dyn Error>> {
@@ -56,8 +66,13 @@ fn main() -> Result<(), Box<dyn Error>> {
             Err(error) => table::say(&format!("<!-- {}: {error} -->", file.display())),
         }
     }
-    table::means(&arguments.faces, &rows);
-    Ok(())
+    match &arguments.bench {
+        Some(folder) => agreement::agreement(&rows, folder),
+        None => {
+            table::means(&arguments.faces, &rows);
+            Ok(())
+        }
+    }
 }
 
 /// The binary glTFs of a folder, by name.
@@ -84,14 +99,18 @@ fn measure(file: &Path, arguments: &Arguments) -> Result<Vec<Row>, Box<dyn Error
     };
     let mut levels: Vec<(&'static str, u32, Model)> = Vec::new();
     for (budget, model) in ours {
-        let collapsed = peer::collapse(&source, budget as usize)?;
-        levels.extend([("simpliguard", budget, model), ("meshoptimizer", budget, collapsed)]);
+        levels.push(("simpliguard", budget, model));
+        if arguments.bench.is_none() {
+            levels.push(("meshoptimizer", budget, peer::collapse(&source, budget as usize)?));
+        }
     }
     let models: Vec<&Model> = levels.iter().map(|(_, _, model)| model).collect();
-    let compared = compare(&source, &models, &Options { views: arguments.views, volume: false, motion: false });
-    let row = |(&(method, budget, _), comparison)| Row { method, budget, comparison };
+    let (volume, lpips) = (arguments.bench.is_some(), arguments.lpips.as_ref());
+    let options = Options { views: arguments.views, volume, motion: false, lpips };
+    let compared = compare(&source, &models, &options);
+    let row = |(&(method, budget, _), comparison)| Row { model: name.clone(), method, budget, comparison };
     let rows: Vec<Row> = levels.iter().zip(compared).map(row).collect();
-    rows.iter().for_each(|row| row.print(&name));
+    rows.iter().for_each(|row| row.print());
     Ok(rows)
 }
 

@@ -7,6 +7,7 @@ const METHODS: [&str; 2] = ["simpliguard", "meshoptimizer"];
 
 /// A level of one method.
 pub(crate) struct Row {
+    pub(crate) model: String,
     pub(crate) method: &'static str,
     pub(crate) budget: u32,
     pub(crate) comparison: Comparison,
@@ -14,19 +15,27 @@ pub(crate) struct Row {
 
 /// The head of the table of all levels.
 pub(crate) fn header() {
-    say("| model | budget | | triangles | PSNR, dB | foreground | PSNR lit, dB | SSIM | FLIP | silhouette IoU, % |");
-    say("|---|---|---|---|---|---|---|---|---|---|");
+    say(
+        "| model | budget | | triangles | PSNR, dB | foreground | PSNR lit, dB | SSIM | FLIP | NLPIPS | silhouette IoU, % |",
+    );
+    say("|---|---|---|---|---|---|---|---|---|---|---|");
 }
 
 impl Row {
     /// Prints the row of a model.
-    pub(crate) fn print(&self, model: &str) {
-        let Self { method, budget, comparison: Comparison { faces, unlit, lit, silhouette_iou, .. } } = self;
+    pub(crate) fn print(&self) {
+        let Self {
+            model,
+            method,
+            budget,
+            comparison: Comparison { faces, unlit, lit, perceptual, silhouette_iou, .. },
+        } = self;
         let ImageMetrics { psnr, psnr_foreground, ssim, flip } = unlit;
         let silhouette = 100.0 * silhouette_iou;
+        let nlpips = perceptual.map_or_else(|| "-".to_owned(), |p| format!("{:.3}", p.nlpips));
         say(&format!(
             "| {model} | {budget} | {method} | {faces} | {psnr:.2} | {psnr_foreground:.2} | {:.2} | {ssim:.3} | \
-             {flip:.3} | {silhouette:.1} |",
+             {flip:.3} | {nlpips} | {silhouette:.1} |",
             lit.psnr
         ));
     }

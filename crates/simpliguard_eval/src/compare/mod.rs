@@ -18,8 +18,9 @@ use simpliguard::data::{Model, TriMesh};
 
 pub use distance::Distances;
 pub use motion::MotionMetrics;
-pub use views::{ImageMetrics, cameras};
+pub use views::{ImageMetrics, PerceptualMetrics, cameras};
 
+use crate::lpips::Lpips;
 use distance::DistanceMetric;
 use views::view_metrics;
 use volume::Grid;
@@ -28,19 +29,21 @@ use volume::Grid;
 pub const VIEWS: usize = 80;
 
 /// Options of a comparison.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Options {
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Options<'a> {
     /// Number of views of the rest pose.
     pub views: usize,
     /// Also compare the volumes. It takes longer than all the rest.
     pub volume: bool,
     /// Also compare frames of the clips.
     pub motion: bool,
+    /// Also compare the features of this network. It takes about a second for each view and level.
+    pub lpips: Option<&'a Lpips>,
 }
 
-impl Default for Options {
+impl Default for Options<'_> {
     fn default() -> Self {
-        Self { views: VIEWS, volume: true, motion: false }
+        Self { views: VIEWS, volume: true, motion: false, lpips: None }
     }
 }
 
@@ -53,6 +56,8 @@ pub struct Comparison {
     pub unlit: ImageMetrics,
     /// Under a lamp at the camera.
     pub lit: ImageMetrics,
+    /// By the features of a network, without light; `None` if that was not asked for.
+    pub perceptual: Option<PerceptualMetrics>,
     /// Intersection over union of the silhouettes, mean over the views.
     pub silhouette_iou: f64,
     /// Intersection over union of the volumes, on a grid with 128 voxels along the source's longest side. A voxel is inside
@@ -66,17 +71,18 @@ pub struct Comparison {
 }
 
 /// Compares levels with their source.
-pub fn compare(source: &Model, levels: &[&Model], options: &Options) -> Vec<Comparison> {
+pub fn compare(source: &Model, levels: &[&Model], options: &Options<'_>) -> Vec<Comparison> {
     let mesh = mesh_of(source);
     let inside = Grid::around(&mesh).filter(|_| options.volume).map(|grid| (grid, grid.occupancy(&mesh)));
     let metric = DistanceMetric::new(&mesh);
-    let views = view_metrics(source, levels, options.views);
+    let views = view_metrics(source, levels, options.views, options.lpips);
     let compare = |(level, metrics): (&&Model, views::ViewMetrics)| {
         let mesh = mesh_of(level);
         Comparison {
             faces: mesh.triangles.len(),
             unlit: metrics.unlit,
             lit: metrics.lit,
+            perceptual: metrics.perceptual,
             silhouette_iou: metrics.silhouette_iou,
             iou_3d: inside.as_ref().and_then(|(grid, inside)| inside.iou(&grid.occupancy(&mesh))),
             distances: metric.as_ref().and_then(|metric| metric.measure(&mesh)),
@@ -114,7 +120,7 @@ mod tests {
         Model { surface, materials: vec![red], ..Model::empty("box") }
     }
 
-    const FEW: Options = Options { views: 4, volume: true, motion: true };
+    const FEW: Options<'_> = Options { views: 4, volume: true, motion: true, lpips: None };
 
     #[test]
     fn a_model_is_like_itself() {
@@ -127,6 +133,19 @@ mod tests {
         assert!(found[0].distances.is_some_and(|d| d.hausdorff < 1e-6));
         assert_eq!((found[1].faces, found[1].silhouette_iou, found[1].iou_3d), (0, 0.0, Some(0.0)));
         assert!(found[1].distances.is_none() && found[1].unlit.psnr < 15.0);
+    }
+
+    #[test]
+    fn a_network_sees_what_is_missing() {
+        let lpips = crate::lpips::tests::made_up();
+        let source = model(-Vec3::ONE, Vec3::ONE);
+        let half = model(-Vec3::ONE, Vec3::new(0.0, 1.0, 1.0));
+        let options = Options { views: 1, volume: false, motion: false, lpips: Some(&lpips) };
+        let found = compare(&source, &[&source, &half], &options);
+        let [alike, less] = [0, 1].map(|i| found[i].perceptual.expect("asked for"));
+        assert_eq!(alike, PerceptualMetrics { lpips: 0.0, nlpips: 1.0 });
+        assert!(less.lpips > 0.0 && less.nlpips < 1.0 && less.nlpips > 0.0, "{less:?}");
+        assert_eq!(compare(&source, &[&half], &Options { lpips: None, ..options })[0].perceptual, None);
     }
 
     #[test]

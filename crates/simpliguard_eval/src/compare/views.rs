@@ -1,6 +1,7 @@
 //! The views of a comparison: cameras around the source, and the measures over all of them.
 
 use glam::Vec3;
+use image::RgbaImage;
 use rayon::prelude::*;
 use serde::Serialize;
 use simpliguard::data::Model;
@@ -9,6 +10,7 @@ use simpliguard::render::{Camera, Image, Light, Renderer, SurfaceSampler};
 
 use super::flip::FlipImage;
 use super::image::Pair;
+use crate::lpips::{Features, Lpips, noise};
 
 /// Side of a view in pixels. Each pixel is the mean of [`SAMPLES`] x [`SAMPLES`] points.
 pub(crate) const SIZE: usize = 512;
@@ -33,11 +35,21 @@ pub struct ImageMetrics {
     pub flip: f64,
 }
 
+/// Means over views on white of what a network sees.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct PerceptualMetrics {
+    /// LPIPS (Zhang et al. 2018) with SqueezeNet; 0 for images that are alike.
+    pub lpips: f64,
+    /// One less LPIPS relative to that of noise (NLPIPS in the paper); 1 for images that are alike.
+    pub nlpips: f64,
+}
+
 /// Likeness of one level, over views.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct ViewMetrics {
     pub(crate) unlit: ImageMetrics,
     pub(crate) lit: ImageMetrics,
+    pub(crate) perceptual: Option<PerceptualMetrics>,
     pub(crate) silhouette_iou: f64,
 }
 
@@ -56,7 +68,7 @@ pub fn cameras(sphere: &BoundingSphere, n: usize) -> Vec<Camera> {
 }
 
 /// Compares levels with their source over views. Each view of the source is drawn once.
-pub(crate) fn view_metrics(source: &Model, levels: &[&Model], views: usize) -> Vec<ViewMetrics> {
+pub(crate) fn view_metrics(source: &Model, levels: &[&Model], views: usize, lpips: Option<&Lpips>) -> Vec<ViewMetrics> {
     let cameras = cameras(&BoundingSphere::around(&source.surface.positions), views);
     let samplers: Vec<SurfaceSampler<'_>> =
         std::iter::once(source).chain(levels.iter().copied()).map(SurfaceSampler::new).collect();
@@ -65,10 +77,17 @@ pub(crate) fn view_metrics(source: &Model, levels: &[&Model], views: usize) -> V
         let mut renderer = Renderer::new(sampler, SIZE, SAMPLES);
         [Light::None, Light::Head].map(|light| renderer.draw(camera, light))
     };
+    let network = lpips.map(|lpips| (lpips, lpips.features(&noise(SIZE as u32))));
     let view = |camera: &Camera| {
         let (source, levels) = samplers.split_first()?;
         let source = draw(source, camera);
-        Some(levels.iter().map(|level| ViewMetrics::of(&source, &draw(level, camera))).collect())
+        let seen = network.as_ref().map(|(lpips, noise)| SeenView::new(lpips, noise, &source[0]));
+        let compare = |level| {
+            let level = draw(level, camera);
+            let perceptual = seen.as_ref().map(|seen| seen.compare(&level[0]));
+            ViewMetrics { perceptual, ..ViewMetrics::of(&source, &level) }
+        };
+        Some(levels.iter().map(compare).collect())
     };
     let by_view: Vec<Vec<ViewMetrics>> = cameras.par_iter().filter_map(view).collect();
     (0..levels.len()).map(|level| ViewMetrics::mean(by_view.iter().map(|view| &view[level]))).collect()
@@ -79,13 +98,14 @@ impl ViewMetrics {
     fn of(source: &[Image; 2], level: &[Image; 2]) -> Self {
         let [unlit, lit] = [0, 1].map(|light| Pair::new(&source[light], &level[light]));
         let silhouette_iou = unlit.silhouette_iou();
-        Self { unlit: ImageMetrics::of(&unlit), lit: ImageMetrics::of(&lit), silhouette_iou }
+        Self { unlit: ImageMetrics::of(&unlit), lit: ImageMetrics::of(&lit), perceptual: None, silhouette_iou }
     }
 
     fn mean<'a>(views: impl Iterator<Item = &'a Self> + Clone) -> Self {
         Self {
             unlit: ImageMetrics::mean(views.clone().map(|view| &view.unlit)),
             lit: ImageMetrics::mean(views.clone().map(|view| &view.lit)),
+            perceptual: PerceptualMetrics::mean(views.clone().filter_map(|view| view.perceptual)),
             silhouette_iou: mean(views.map(|view| view.silhouette_iou)),
         }
     }
@@ -106,6 +126,41 @@ impl ImageMetrics {
             ssim: mean(all.clone().map(|m| m.ssim)),
             flip: mean(all.map(|m| m.flip)),
         }
+    }
+}
+
+/// A view of the source as a network sees it.
+struct SeenView<'a> {
+    lpips: &'a Lpips,
+    image: RgbaImage,
+    features: Features,
+    /// LPIPS of noise.
+    of_noise: f64,
+}
+
+impl<'a> SeenView<'a> {
+    fn new(lpips: &'a Lpips, noise: &Features, source: &Image) -> Self {
+        let image = source.over(1.0);
+        let features = lpips.features(&image);
+        let of_noise = lpips.distance(noise, &features);
+        Self { lpips, image, features, of_noise }
+    }
+
+    fn compare(&self, level: &Image) -> PerceptualMetrics {
+        let image = level.over(1.0);
+        if image == self.image {
+            return PerceptualMetrics { lpips: 0.0, nlpips: 1.0 };
+        }
+        let lpips = self.lpips.distance(&self.lpips.features(&image), &self.features);
+        PerceptualMetrics { lpips, nlpips: 1.0 - lpips / self.of_noise }
+    }
+}
+
+impl PerceptualMetrics {
+    /// The mean of each figure; `None` of none.
+    fn mean(all: impl Iterator<Item = Self> + Clone) -> Option<Self> {
+        all.clone().next()?;
+        Some(Self { lpips: mean(all.clone().map(|m| m.lpips)), nlpips: mean(all.map(|m| m.nlpips)) })
     }
 }
 

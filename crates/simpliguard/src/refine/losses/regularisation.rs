@@ -24,6 +24,11 @@ impl Regularisation {
         Self { origin: low.positions.clone(), triangles: low.triangles.clone(), edges, laplacian_weight, normal_weight }
     }
 
+    /// With the Laplacian of the positions, as printed in the paper. It also smooths the corners of the initial mesh.
+    pub(in crate::refine) fn of_positions(self) -> Self {
+        Self { origin: vec![Vec3::ZERO; self.origin.len()], ..self }
+    }
+
     /// Adds the gradient of the weighted losses at `positions`; returns their sum.
     pub(in crate::refine) fn add_gradient(&self, positions: &[Vec3], gradient: &mut [Vec3]) -> f64 {
         let displacements: Vec<Vec3> = positions.iter().zip(&self.origin).map(|(a, b)| *a - *b).collect();
@@ -145,6 +150,20 @@ mod tests {
         let edges = Edges::new(4, &TETRAHEDRON[..3]);
         let d = vec![Vec3::new(0.1, 0.4, -0.3), Vec3::X, Vec3::new(0.0, -0.7, 0.2), Vec3::ZERO];
         check(d, |d, gradient| edges.add_laplacian(d, 0.7, gradient));
+    }
+
+    #[test]
+    fn positions_have_a_loss_at_rest_and_displacements_have_none() {
+        let positions = vec![Vec3::ZERO, Vec3::X * 3.0, Vec3::Y * 3.0];
+        let atlas = crate::data::Atlas { uvs: vec![Default::default()], ..Default::default() };
+        let mesh = crate::data::TriMesh { positions: positions.clone(), triangles: vec![[0, 1, 2]] };
+        let low = LowPoly::new(&mesh, &atlas, false, crate::refine::TexelGrid::empty());
+        let loss = |losses: Regularisation| losses.add_gradient(&positions, &mut [Vec3::ZERO; 3]);
+        assert_eq!(loss(Regularisation::new(&low, 2.0, 0.0)), 0.0);
+        // Each vertex is 1.5 times as far from the mean of the other two as from the centre (1, 1, 0).
+        let squares = 2.25 * (2.0 + 5.0 + 5.0);
+        let found = loss(Regularisation::new(&low, 2.0, 0.0).of_positions());
+        assert!((found - 2.0 / 3.0 * squares).abs() < 1e-5, "{found}");
     }
 
     #[test]

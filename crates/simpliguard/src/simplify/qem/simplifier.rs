@@ -13,6 +13,9 @@ use crate::geometry::FaceTree;
 pub(super) const NO_CORNER: u32 = u32::MAX;
 /// The first vertex of a removed face.
 const REMOVED: u32 = u32::MAX;
+/// Sum of angles at which the curvature of a vertex is a half by default, in radians: all but flats have next to none, as
+/// in the printed form.
+const SMALLEST_ANGLE: f64 = 1e-3;
 
 /// A mesh on its way down to a budget.
 #[derive(Clone)]
@@ -87,6 +90,11 @@ impl Simplifier {
     /// A simplifier of a manifold mesh, with or without boundary. `weights` multiply the quadric of each face in place
     /// of its area; `curvature` is the weight of the curvature constraint. The mesh should fit the unit sphere.
     pub(crate) fn new(mesh: &TriMesh, weights: &[f64], curvature: f64) -> Self {
+        Self::with_curvature(mesh, weights, curvature, SMALLEST_ANGLE)
+    }
+
+    /// As [`Self::new`], with the sum of angles around a vertex at which its curvature is a half, in radians.
+    pub(crate) fn with_curvature(mesh: &TriMesh, weights: &[f64], curvature: f64, angle: f64) -> Self {
         let vertices = mesh.positions.len();
         let mut out = Self {
             positions: mesh.positions.iter().map(|p| p.as_dvec3()).collect(),
@@ -113,7 +121,7 @@ impl Simplifier {
             out.first[v as usize] = corner as u32;
         }
         out.find_boundary();
-        out.add_face_quadrics(weights, curvature);
+        out.add_face_quadrics(weights, curvature, angle);
         out.add_boundary_quadrics(weights);
         out
     }

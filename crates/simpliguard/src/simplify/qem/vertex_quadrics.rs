@@ -39,8 +39,8 @@ impl Simplifier {
     }
 
     /// Adds the planes of the faces, and their curvature if it has a weight.
-    pub(super) fn add_face_quadrics(&mut self, weights: &[f64], curvature: f64) {
-        let curvatures = if curvature > 0.0 { self.vertex_curvatures() } else { Vec::new() };
+    pub(super) fn add_face_quadrics(&mut self, weights: &[f64], curvature: f64, angle: f64) {
+        let curvatures = if curvature > 0.0 { self.vertex_curvatures(angle) } else { Vec::new() };
         for (f, &weight) in (0u32..).zip(weights) {
             let (face, corners) = (self.face(f), self.corners(f));
             let n = area_vector(&corners).normalize_or_zero();
@@ -57,9 +57,8 @@ impl Simplifier {
     }
 
     /// The paper's curvature of each vertex, `1 / sum_j angle(n, N_j)`: low on ridges and creases, one on flats. The
-    /// printed form is infinite on flats. Hence a small angle is added, and the result is scaled to at most one.
-    fn vertex_curvatures(&self) -> Vec<f64> {
-        const SMALLEST_ANGLE: f64 = 1e-3;
+    /// printed form is infinite on flats. Hence `half`, an angle, is added, and the result is scaled to at most one.
+    fn vertex_curvatures(&self, half: f64) -> Vec<f64> {
         let normal = |f: u32| area_vector(&self.corners(f));
         (0..self.positions.len() as u32)
             .into_par_iter()
@@ -69,7 +68,7 @@ impl Simplifier {
                     .faces_of(v)
                     .map(|(f, _)| libm::acos(mean.dot(normal(f).normalize_or_zero()).clamp(-1.0, 1.0)))
                     .sum();
-                SMALLEST_ANGLE / (angles + SMALLEST_ANGLE)
+                half / (angles + half)
             })
             .collect()
     }

@@ -66,7 +66,7 @@ pub(super) const WARNINGS: Figure = Figure {
 pub(super) const LIKENESS: [Figure; 4] = [PSNR, LIT, SILHOUETTE, DEVIATION];
 
 /// How close a level is, in full.
-pub(super) const ALL_LIKENESS: [Figure; 10] = [
+pub(super) const ALL_LIKENESS: [Figure; 11] = [
     PSNR,
     Figure {
         title: "Foreground",
@@ -85,6 +85,12 @@ pub(super) const ALL_LIKENESS: [Figure; 10] = [
         title: "FLIP",
         help: "Difference that a viewer sees who flips between the pictures, 0 to 1",
         value: Value::Level(|l| Some(l.comparison.unlit.flip)),
+        text: three,
+    },
+    Figure {
+        title: "NLPIPS",
+        help: "One less LPIPS relative to that of noise, without light, at most 1. None without --lpips-weights",
+        value: Value::Level(|l| l.comparison.perceptual.map(|perceptual| perceptual.nlpips)),
         text: three,
     },
     SILHOUETTE,

@@ -8,8 +8,16 @@ use crate::levels::Of;
 fn level(number: u64, psnr: f64) -> MeasuredLevel {
     let unlit = ImageMetrics { psnr, ..ImageMetrics::default() };
     let lit = ImageMetrics { psnr: psnr.min(30.0) - 10.0, ..ImageMetrics::default() };
-    let comparison =
-        Comparison { faces: 8, unlit, lit, silhouette_iou: 0.9, iou_3d: None, distances: None, motion: None };
+    let comparison = Comparison {
+        faces: 8,
+        unlit,
+        lit,
+        perceptual: None,
+        silhouette_iou: 0.9,
+        iou_3d: None,
+        distances: None,
+        motion: None,
+    };
     let cost = Cost { triangles: 8, draw_calls: 1, texture_memory: 4000, mesh_memory: 50, bytes: 100 };
     let name = format!("LOD{number}");
     MeasuredLevel { name, of: Of::Model, level: number, deviation: Some(0.25), report: None, cost, comparison }
