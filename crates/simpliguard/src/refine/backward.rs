@@ -2,9 +2,10 @@
 
 use glam::{Vec2, Vec3, Vec4, Vec4Swizzles};
 
-use super::forward::{Blend, FrameBuffers};
+use super::forward::FrameBuffers;
 use super::lookup::Lookup;
 use super::low_poly::LowPoly;
+use super::silhouettes::Blend;
 use crate::render::raster::{pixel_to_ndc, to_pixels};
 use crate::render::{EMPTY_PIXEL, Image};
 
@@ -49,7 +50,7 @@ impl Gradients {
         self.texels.clear();
         self.texels.resize(low.texture.texels.len(), Vec4::ZERO);
         self.load(frame, image);
-        for blend in &frame.blends {
+        for blend in &frame.silhouettes.blends {
             self.base[blend.near as usize] = Vec4::ZERO;
             self.base[blend.far as usize] = Vec4::ZERO;
         }
@@ -83,7 +84,7 @@ impl Gradients {
     /// Carries `image` to the pixels before antialiasing, and to the silhouette edges.
     fn backward_blends(&mut self, frame: &FrameBuffers, image: &[Vec4]) {
         self.load(frame, image);
-        for blend in &frame.blends {
+        for blend in &frame.silhouettes.blends {
             let (near, far) = (blend.near as usize, blend.far as usize);
             let difference = frame.base[near] - frame.base[far];
             let (weight, gradient) =

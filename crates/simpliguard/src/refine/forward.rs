@@ -1,8 +1,8 @@
 //! Forward pass: visibility, texture lookup, antialiasing of silhouettes.
 //!
 //! Antialiasing after nvdiffrast (Laine et al. 2020): where two neighbouring pixels see different triangles and a
-//! silhouette edge passes between their centres, the nearer colour is blended into the farther one by how far it reaches.
-//! An edge acts along its minor direction only (horizontally if it is steep): with both, diagonals would count twice.
+//! silhouette edge passes between their centres, the nearer colour is blended into the farther one by how far it reaches
+//! ([`super::silhouettes`]).
 //!
 //! Limit: edges where two faces intersect are no silhouettes and get neither blending nor gradient.
 
@@ -11,8 +11,9 @@ use std::ops::Range;
 use glam::{Mat4, Vec2, Vec3, Vec4};
 
 use super::lookup::Lookup;
-use super::low_poly::{CUTOFF, LowPoly, NO_NEIGHBOUR, TexelGrid};
-use crate::render::raster::{barycentric_at, barycentric_coefficients, pixel_to_ndc, to_pixels};
+use super::low_poly::{CUTOFF, LowPoly, TexelGrid};
+use super::silhouettes::Silhouettes;
+use crate::render::raster::{barycentric_at, barycentric_coefficients, pixel_to_ndc};
 use crate::render::{Camera, EMPTY_PIXEL, Raster, Rect};
 
 /// Buffers of one view, reused from step to step.
@@ -33,28 +34,8 @@ pub(super) struct FrameBuffers {
     pub(super) base: Vec<Vec4>,
     /// Colours after it.
     pub(super) image: Vec<Vec4>,
-    /// Blends, in the order they were made.
-    pub(super) blends: Vec<Blend>,
-    /// Position of each vertex in pixels.
-    pixels: Vec<Vec2>,
-    /// Triangles that face the camera.
-    facing: Vec<bool>,
-}
-
-/// One blend across a silhouette edge.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Blend {
-    /// The pixel whose triangle owns the edge, and the one beyond it.
-    pub(super) near: u32,
-    pub(super) far: u32,
-    /// Distance from the near pixel's centre to the edge, in pixels towards the far one, 0 to 1.
-    pub(super) reach: f32,
-    /// Ends of the edge.
-    pub(super) vertices: [u32; 2],
-    /// The pixels are side by side, else one above the other.
-    pub(super) horizontal: bool,
-    /// +1 if the far pixel follows the near one along that direction.
-    pub(super) sign: f32,
+    /// Silhouette edges, and the blends across them.
+    pub(super) silhouettes: Silhouettes,
 }
 
 impl FrameBuffers {
@@ -70,9 +51,7 @@ impl FrameBuffers {
             coefficients: Vec::new(),
             base: vec![Vec4::ZERO; size * size],
             image: vec![Vec4::ZERO; size * size],
-            blends: Vec::new(),
-            pixels: Vec::new(),
-            facing: Vec::new(),
+            silhouettes: Silhouettes::default(),
         }
     }
 
@@ -191,56 +170,7 @@ impl FrameBuffers {
 
     /// Finds where silhouette edges pass between neighbouring pixels.
     pub(super) fn find_blends(&mut self, low: &LowPoly) {
-        self.pixels.clear();
-        self.pixels.extend(self.clip.iter().map(|&c| to_pixels(c, self.size).truncate()));
-        self.facing.clear();
-        let pixels = &self.pixels;
-        self.facing.extend(low.triangles.iter().map(|t| {
-            let [a, b, c] = t.map(|v| pixels[v as usize]);
-            (b - a).perp_dot(c - a) > 0.0
-        }));
-        self.blends.clear();
-        for y in self.rect.rows() {
-            for x in self.rect.columns() {
-                let i = y * self.size + x;
-                if x + 1 < self.rect.x1 {
-                    self.blend_between(low, i, i + 1, true);
-                }
-                if y + 1 < self.rect.y1 {
-                    self.blend_between(low, i, i + self.size, false);
-                }
-            }
-        }
-    }
-
-    /// Adds the blend between two neighbouring pixels, if a silhouette edge of the nearer one passes between them.
-    #[inline]
-    fn blend_between(&mut self, low: &LowPoly, first: usize, second: usize, horizontal: bool) {
-        let (a, b) = (self.raster.ids[first], self.raster.ids[second]);
-        if a == b {
-            return;
-        }
-        let first_is_near =
-            b == EMPTY_PIXEL || (a != EMPTY_PIXEL && self.raster.depth[first] < self.raster.depth[second]);
-        let (near, far, sign) = if first_is_near { (first, second, 1.0) } else { (second, first, -1.0) };
-        let t = self.raster.ids[near] as usize;
-        let centre = Vec2::new((near % self.size) as f32, (near / self.size) as f32);
-        for k in 0..3 {
-            let across = low.neighbours[t][k];
-            if across != NO_NEIGHBOUR && self.facing[across as usize] == self.facing[t] {
-                continue;
-            }
-            let vertices = [low.triangles[t][k], low.triangles[t][(k + 1) % 3]];
-            if let Some(crossing) = crossing(vertices.map(|v| self.pixels[v as usize]), centre, horizontal) {
-                let along = if horizontal { centre.x } else { centre.y };
-                let reach = (crossing - along) * sign;
-                if (0.0..=1.0).contains(&reach) {
-                    let (near, far) = (near as u32, far as u32);
-                    self.blends.push(Blend { near, far, reach, vertices, horizontal, sign });
-                    return;
-                }
-            }
-        }
+        self.silhouettes.find(low, &self.clip, &self.raster, self.rect);
     }
 
     /// Applies the blends to the base colours.
@@ -249,7 +179,7 @@ impl FrameBuffers {
             let span = self.span(y);
             self.image[span.clone()].copy_from_slice(&self.base[span]);
         }
-        for blend in &self.blends {
+        for blend in &self.silhouettes.blends {
             let (near, far) = (blend.near as usize, blend.far as usize);
             let difference = self.base[near] - self.base[far];
             if blend.reach < 0.5 {
@@ -259,16 +189,4 @@ impl FrameBuffers {
             }
         }
     }
-}
-
-/// Where an edge crosses the row (or column) through `centre`, if that is its minor direction.
-#[inline]
-fn crossing([a, b]: [Vec2; 2], centre: Vec2, horizontal: bool) -> Option<f32> {
-    let swap = |v: Vec2| if horizontal { v } else { Vec2::new(v.y, v.x) };
-    let (a, b, c) = (swap(a), swap(b), swap(centre));
-    let (across, along) = (b.y - a.y, b.x - a.x);
-    if (a.y - c.y) * (b.y - c.y) > 0.0 || across == 0.0 || along.abs() > across.abs() {
-        return None;
-    }
-    Some(a.x + along * ((c.y - a.y) / across))
 }

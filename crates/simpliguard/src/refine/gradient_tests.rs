@@ -132,7 +132,11 @@ fn texture_gradients_match_central_differences() {
     let counts: Vec<bool> = {
         let mut counts: Vec<bool> =
             (0..SIZE * SIZE).map(|i| frame.raster.ids[i] != EMPTY_PIXEL && target.pixels[i][3] == 255).collect();
-        frame.blends.iter().for_each(|b| (counts[b.near as usize], counts[b.far as usize]) = (false, false));
+        frame
+            .silhouettes
+            .blends
+            .iter()
+            .for_each(|b| (counts[b.near as usize], counts[b.far as usize]) = (false, false));
         counts
     };
     let mut gradients = Gradients::default();
@@ -183,6 +187,37 @@ fn gradients_in_a_pose_are_those_at_rest_turned_back() {
     for (g, e) in found.iter().zip(&expected) {
         let back = stand.matrix3.transpose() * *e;
         assert!(g.distance(back) < 0.02 * largest, "{g} {back}");
+    }
+}
+
+/// Root mean square error of the coverage of pixels on the outline, against many samples a pixel.
+fn coverage_error(low: &LowPoly) -> f64 {
+    const SAMPLES: usize = 8;
+    let mut frame = FrameBuffers::new(SIZE);
+    frame.render(low, &camera(), None, all());
+    let fine = SAMPLES * SIZE;
+    let mut samples = FrameBuffers::new(fine);
+    samples.rasterise(low, &camera(), None, Rect { x0: 0, y0: 0, x1: fine, y1: fine });
+    let mut covered = vec![0_u32; SIZE * SIZE];
+    for (i, _) in samples.raster.ids.iter().enumerate().filter(|(_, id)| **id != EMPTY_PIXEL) {
+        covered[i / fine / SAMPLES * SIZE + i % fine / SAMPLES] += 1;
+    }
+    let (mut sum, mut count) = (0.0, 0.0);
+    for (pixel, covered) in frame.image.iter().zip(covered) {
+        let exact = f64::from(covered) / (SAMPLES * SAMPLES) as f64;
+        if exact > 0.0 && exact < 1.0 {
+            sum += (f64::from(pixel.w) - exact).powi(2);
+            count += 1.0;
+        }
+    }
+    (sum / f64::max(count, 1.0)).sqrt()
+}
+
+#[test]
+fn outlines_are_antialiased_whatever_the_size_of_the_faces() {
+    for divisions in [2, 8, 40] {
+        let error = coverage_error(&sphere(divisions));
+        assert!(error < 0.06, "{divisions}: {error}");
     }
 }
 

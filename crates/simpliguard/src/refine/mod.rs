@@ -23,6 +23,7 @@ mod opacity;
 mod optimise;
 mod optimizer;
 mod params;
+mod silhouettes;
 mod skin;
 mod texture_adam;
 #[cfg(test)]

@@ -183,7 +183,7 @@ fn motions_in_unit_sphere(inputs: &Inputs<'_>, poses: &Poses<'_>, unit: &[Vec3])
 fn enclosed(inputs: &Inputs<'_>, unit: &TriMesh, double_sided: bool) -> Vec<bool> {
     let mesh = from_unit_sphere(unit.clone(), &inputs.sphere);
     let mut enclosed: Vec<bool> =
-        pixels_in_all_poses(inputs, &mesh, &|_| double_sided).into_iter().map(|pixels| pixels == 0).collect();
+        pixels_in_all_poses(inputs, &mesh, &|_| double_sided).covered.into_iter().map(|pixels| pixels == 0).collect();
     let sphere = BoundingSphere { centre: Vec3::ZERO, radius: 1.0 };
     visibility::keep_enclosed(&mut enclosed, unit, &sphere, double_sided, inputs.cancellation);
     enclosed

@@ -47,7 +47,7 @@ pub fn texel_density(
     double_sided: bool,
     cancellation: &Cancellation,
 ) -> Vec<f32> {
-    let pixels = visible_pixels(mesh, sphere, DENSITY_DIRECTIONS, &|_| double_sided, cancellation);
+    let pixels = visible_pixels(mesh, sphere, DENSITY_DIRECTIONS, &|_| double_sided, cancellation).covered;
     let weights = face_weights(mesh, &pixels, 1.0);
     let density = |(weight, area): (f64, f64)| {
         let density = if area > 0.0 { (weight / area).sqrt() as f32 } else { 1.0 };

@@ -2,7 +2,7 @@
 
 use super::candidates::reconstruction;
 use super::inputs::Inputs;
-use super::visibility::DIRECTIONS;
+use super::visibility::{DIRECTIONS, FacePixels};
 use super::{visibility, weld};
 use crate::data::{Candidate, TriMesh};
 use crate::geometry::BoundingSphere;
@@ -13,7 +13,7 @@ const KEPT_RINGS: usize = 2;
 /// A mesh before its collapse, and the visible size of its faces.
 pub(super) struct SimplifyInput {
     pub(super) mesh: TriMesh,
-    /// Number of pixels that each face covers, over all views.
+    /// Number of pixels that each face covers, over all views. Those on outlines count many times.
     pub(super) pixels: Vec<u32>,
     /// True if double-sided faces cover more than half of the pixels.
     pub(super) double_sided: bool,
@@ -27,21 +27,23 @@ impl SimplifyInput {
         let (mut mesh, mut two_sided) = candidate_mesh(inputs, candidate);
         let mut pixels = pixels_in_all_poses(inputs, &mesh, &|t| two_sided[t]);
         if let (Candidate::Reconstruction(params), true) = (candidate, remove_invisible)
-            && let Some(open) = reconstruction::seen_through_backs(inputs, &params, &mesh, &pixels)
+            && let Some(open) = reconstruction::seen_through_backs(inputs, &params, &mesh, &pixels.covered)
         {
             two_sided = vec![false; open.triangles.len()];
             pixels = pixels_in_all_poses(inputs, &open, &|_| false);
             mesh = open;
         }
-        let double = pixels.iter().zip(&two_sided).filter(|(_, two)| **two).map(|(&n, _)| u64::from(n)).sum::<u64>();
-        let double_sided = 2 * double > pixels.iter().map(|&n| u64::from(n)).sum::<u64>();
-        if !remove_invisible || pixels.iter().all(|&n| n == 0) || inputs.cancellation.is_cancelled() {
-            return Self { mesh, pixels, double_sided, is_clear: false };
+        let covered = &pixels.covered;
+        let double = covered.iter().zip(&two_sided).filter(|(_, two)| **two).map(|(&n, _)| u64::from(n)).sum::<u64>();
+        let double_sided = 2 * double > covered.iter().map(|&n| u64::from(n)).sum::<u64>();
+        let weighted = pixels.weighted();
+        if !remove_invisible || covered.iter().all(|&n| n == 0) || inputs.cancellation.is_cancelled() {
+            return Self { mesh, pixels: weighted, double_sided, is_clear: false };
         }
-        let mut kept: Vec<bool> = pixels.iter().map(|&n| n > 0).collect();
+        let mut kept: Vec<bool> = covered.iter().map(|&n| n > 0).collect();
         visibility::grow(&mesh, &mut kept, KEPT_RINGS);
         let visible = weld::cut(&mesh.filtered(|t| kept[t]));
-        let pixels = pixels.iter().zip(&kept).filter(|(_, kept)| **kept).map(|(&n, _)| n).collect();
+        let pixels = weighted.iter().zip(&kept).filter(|(_, kept)| **kept).map(|(&n, _)| n).collect();
         Self { mesh: visible, pixels, double_sided, is_clear: false }
     }
 }
@@ -65,28 +67,18 @@ fn candidate_mesh(inputs: &Inputs<'_>, candidate: Candidate) -> (TriMesh, Vec<bo
     }
 }
 
-/// Number of pixels that each face covers: in the rest pose and, from half as many directions, in the other poses.
+/// The pixels of each face: in the rest pose and, from half as many directions, in the other poses.
 pub(super) fn pixels_in_all_poses(
     inputs: &Inputs<'_>,
     mesh: &TriMesh,
     double_sided: &(impl Fn(usize) -> bool + Sync),
-) -> Vec<u32> {
+) -> FacePixels {
     let mut pixels = visibility::visible_pixels(mesh, &inputs.sphere, DIRECTIONS, double_sided, inputs.cancellation);
-    let in_motion = pixels_in_motion(inputs, mesh, double_sided);
-    pixels.iter_mut().zip(in_motion).for_each(|(sum, n)| *sum += n);
-    pixels
-}
-
-/// Number of pixels that each face covers in the poses, from half as many directions as in the rest pose, spread over
-/// them.
-fn pixels_in_motion(inputs: &Inputs<'_>, mesh: &TriMesh, double_sided: &(impl Fn(usize) -> bool + Sync)) -> Vec<u32> {
-    let mut pixels = vec![0; mesh.triangles.len()];
     let Some(poses) = inputs.poses else { return pixels };
     let directions = (DIRECTIONS / 2).div_ceil(poses.count());
     for posed in poses.posed(mesh, &poses.motions_by_closest_point(inputs.bvh, &mesh.positions)) {
         let sphere = BoundingSphere::around(&posed.positions);
-        let in_pose = visibility::visible_pixels(&posed, &sphere, directions, double_sided, inputs.cancellation);
-        pixels.iter_mut().zip(in_pose).for_each(|(sum, n)| *sum += n);
+        pixels.add(&visibility::visible_pixels(&posed, &sphere, directions, double_sided, inputs.cancellation));
     }
     pixels
 }

@@ -18,42 +18,94 @@ pub(super) const DIRECTIONS: usize = 48;
 const MIN_DIRECTIONS: usize = 6;
 /// Side of the identity buffer in pixels.
 const SIZE: usize = 640;
+/// What a pixel beside the background counts in addition. A surface that is a little off shows it along outlines, where it
+/// covers wrong pixels; elsewhere only its texture shifts. Four fifths of the squared error of levels of sound models lies
+/// within a pixel of an outline. Between 40 and 400, levels hardly differ.
+const OUTLINE_WEIGHT: u32 = 100;
+/// The same beside another surface, whose colour is often more alike.
+const INNER_OUTLINE_WEIGHT: u32 = 50;
+/// Least difference in depth at an outline. The depth of a model extends over about two.
+const OUTLINE_DEPTH: f32 = 0.04;
 /// Barycentric coordinates of the points of a face from which rays start.
 const POINTS: [[f32; 3]; 4] = [[0.34, 0.33, 0.33], [0.7, 0.15, 0.15], [0.15, 0.7, 0.15], [0.15, 0.15, 0.7]];
 /// Rays from each point.
 const RAYS: usize = 48;
 
-/// Number of pixels that each face covers, summed over `directions` views. Back faces count where `double_sided(t)`.
+/// What views show of each face, summed over the views.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct FacePixels {
+    /// Number of pixels.
+    pub(super) covered: Vec<u32>,
+    /// What the pixels on outlines count in addition.
+    outlines: Vec<u32>,
+}
+
+impl FacePixels {
+    fn none(faces: usize) -> Self {
+        Self { covered: vec![0; faces], outlines: vec![0; faces] }
+    }
+
+    /// The number of pixels of each face, where those on outlines count many times.
+    pub(super) fn weighted(&self) -> Vec<u32> {
+        self.covered.iter().zip(&self.outlines).map(|(covered, outlines)| covered + outlines).collect()
+    }
+
+    pub(super) fn add(&mut self, other: &Self) {
+        self.covered.iter_mut().zip(&other.covered).for_each(|(sum, n)| *sum += n);
+        self.outlines.iter_mut().zip(&other.outlines).for_each(|(sum, n)| *sum += n);
+    }
+
+    /// Adds the pixels of one view. `rect` holds the model with a margin of one pixel.
+    fn add_view(&mut self, raster: &Raster, rect: Rect) {
+        for y in rect.rows() {
+            for i in y * SIZE + rect.x0..y * SIZE + rect.x1.max(rect.x0) {
+                let id = raster.ids[i];
+                if id != EMPTY_PIXEL {
+                    self.covered[id as usize] += 1;
+                    self.outlines[id as usize] += outline_weight(raster, i);
+                }
+            }
+        }
+    }
+}
+
+/// What a covered pixel counts more than others because it lies on an outline.
+fn outline_weight(raster: &Raster, pixel: usize) -> u32 {
+    let neighbours = [pixel.wrapping_sub(1), pixel + 1, pixel.wrapping_sub(SIZE), pixel + SIZE];
+    let depths = neighbours.into_iter().filter_map(|i| raster.depth.get(i));
+    let farthest = depths.fold(f32::MIN, |farthest, depth| depth.max(farthest));
+    match farthest {
+        f32::MAX => OUTLINE_WEIGHT,
+        farthest if farthest > raster.depth[pixel] + OUTLINE_DEPTH => INNER_OUTLINE_WEIGHT,
+        _ => 0,
+    }
+}
+
+/// The pixels of each face in views from `directions`. Back faces count where `double_sided(t)`.
 pub(super) fn visible_pixels(
     mesh: &TriMesh,
     sphere: &BoundingSphere,
     directions: usize,
     double_sided: &(impl Fn(usize) -> bool + Sync),
     cancellation: &Cancellation,
-) -> Vec<u32> {
+) -> FacePixels {
     // Not the lattice of the views, so that both do not share their blind spots.
     let turn = glam::Quat::from_xyzw(0.18, 0.37, 0.26, 0.87).normalize();
     let directions = fibonacci_directions(directions);
-    let count = |(mut raster, mut clip, mut pixels): (Raster, Vec<Vec4>, Vec<u32>), direction: &Vec3| {
+    let count = |(mut raster, mut clip, mut pixels): (Raster, Vec<Vec4>, FacePixels), direction: &Vec3| {
         let camera = Camera::orbit(sphere, (turn * *direction).normalize(), 0.6, 1.0);
         camera.project_into(&mesh.positions, &mut clip);
-        let rect = Rect::around(&clip, SIZE, 0);
+        let rect = Rect::around(&clip, SIZE, 1);
         raster.clear(rect);
         raster.draw(&clip, &mesh.triangles, double_sided);
-        for y in rect.rows() {
-            for &id in &raster.ids[y * SIZE + rect.x0..y * SIZE + rect.x1.max(rect.x0)] {
-                if id != EMPTY_PIXEL {
-                    pixels[id as usize] += 1;
-                }
-            }
-        }
+        pixels.add_view(&raster, rect);
         (raster, clip, pixels)
     };
-    let empty = || vec![0u32; mesh.triangles.len()];
+    let empty = || FacePixels::none(mesh.triangles.len());
     let wanted = directions.par_iter().with_min_len(MIN_DIRECTIONS).take_any_while(|_| !cancellation.is_cancelled());
     let counts = wanted.fold(|| (Raster::new(SIZE), Vec::new(), empty()), count).map(|(.., pixels)| pixels);
     counts.reduce(empty, |mut a, b| {
-        a.iter_mut().zip(b).for_each(|(a, b)| *a += b);
+        a.add(&b);
         a
     })
 }
@@ -214,7 +266,28 @@ pub(super) mod tests {
         let mesh = nested();
         let pixels =
             visible_pixels(&mesh, &BoundingSphere::around(&mesh.positions), 72, &|_| false, &Cancellation::default());
-        assert!(pixels[..4].iter().all(|&n| n == 0) && pixels[4..].iter().all(|&n| n > 0), "{pixels:?}");
+        let covered = &pixels.covered;
+        assert!(covered[..4].iter().all(|&n| n == 0) && covered[4..].iter().all(|&n| n > 0), "{covered:?}");
+        let weighted = pixels.weighted();
+        assert!(weighted[..4].iter().all(|&n| n == 0) && (4..8).all(|t| weighted[t] > covered[t]), "{weighted:?}");
+    }
+
+    #[test]
+    fn outlines_count_more_before_the_background_than_before_another_surface() {
+        let mut raster = Raster::new(SIZE);
+        let row = 10 * SIZE;
+        // A near surface of three pixels, and a far one to its right; nothing else.
+        for (x, depth) in [(5, -0.5), (6, -0.5), (7, -0.5), (8, 0.5), (9, 0.5)] {
+            for y in [row - SIZE, row, row + SIZE] {
+                (raster.ids[y + x], raster.depth[y + x]) = (u32::from(depth > 0.0), depth);
+            }
+        }
+        let weights = [5, 6, 7, 8, 9].map(|x| outline_weight(&raster, row + x));
+        assert_eq!(weights, [OUTLINE_WEIGHT, 0, INNER_OUTLINE_WEIGHT, 0, OUTLINE_WEIGHT]);
+        let mut pixels = FacePixels::none(2);
+        pixels.add_view(&raster, Rect { x0: 4, y0: 10, x1: 11, y1: 11 });
+        assert_eq!(pixels.covered, [3, 2]);
+        assert_eq!(pixels.weighted(), [3 + OUTLINE_WEIGHT + INNER_OUTLINE_WEIGHT, 2 + OUTLINE_WEIGHT]);
     }
 
     #[test]

@@ -92,7 +92,7 @@ impl<'a> Assembly<'a> {
     }
 
     fn mark_silhouette(&mut self, mark: bool) {
-        for blend in &self.frame.blends {
+        for blend in &self.frame.silhouettes.blends {
             self.silhouette[blend.near as usize] = mark;
             self.silhouette[blend.far as usize] = mark;
         }

@@ -76,7 +76,8 @@ impl Foliage {
         if leaves.len() < LEAVES {
             return None;
         }
-        let pixels = visibility::visible_pixels(&mesh, &inputs.sphere, DIRECTIONS, &|_| true, inputs.cancellation);
+        let pixels =
+            visibility::visible_pixels(&mesh, &inputs.sphere, DIRECTIONS, &|_| true, inputs.cancellation).covered;
         let mut is_leaf = vec![false; mesh.triangles.len()];
         leaves.iter().flatten().for_each(|&t| is_leaf[t as usize] = true);
         let count = |leaf: bool| {

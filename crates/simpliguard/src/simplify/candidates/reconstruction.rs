@@ -109,7 +109,8 @@ fn is_double_sided(inputs: &Inputs<'_>, opaque: usize) -> bool {
 fn points_before_seen_triangles(inputs: &Inputs<'_>, params: &Reconstruction) -> Vec<Vec3> {
     let mesh = &inputs.opaque.mesh;
     let double_sided = |t: usize| is_double_sided(inputs, t);
-    let pixels = visibility::visible_pixels(mesh, &inputs.sphere, DIRECTIONS, &double_sided, inputs.cancellation);
+    let pixels =
+        visibility::visible_pixels(mesh, &inputs.sphere, DIRECTIONS, &double_sided, inputs.cancellation).covered;
     let distance = 2.0 * params.offset * params.cell(mesh);
     let seen = pixels.iter().enumerate().filter(|(_, pixels)| **pixels > 0);
     seen.map(|(t, _)| {
