@@ -10,8 +10,8 @@ use bevy::platform::collections::HashSet;
 use bevy::prelude::*;
 use bytes::Bytes;
 use simpliguard::settings::{CacheSettings, Layer, Origin, ProjectFile, parse_meta, resolve};
-use simpliguard::{Error, Key, bake_key};
-use simpliguard_bake::{CachePlace, OutsideProject, Parts, look_up, open_cache};
+use simpliguard::{Error, Key};
+use simpliguard_bake::{CachePlace, CachedBake, OutsideProject, Parts, look_up, open_cache};
 use simpliguard_cache::Cache;
 
 use super::activity::ProcessorActivity;
@@ -111,8 +111,9 @@ impl Baker {
             let overrides = parse_meta(text, &file)?;
             layers.extend(overrides.map(|overrides| Layer { origin: Origin::Meta { file }, overrides }));
         }
-        let settings = resolve(layers)?.settings;
-        let key = bake_key(&input.files.source(), &settings)?;
+        let mut settings = resolve(layers)?.settings;
+        settings.texture_compression = settings.texture_compression.in_game();
+        let key = CachedBake::new(input.files.source(), &settings, Parts::Combined, None)?.key();
         Ok(BakeRequest { path: path.clone(), settings, key, cache: self.cache(&project) })
     }
 

@@ -30,7 +30,7 @@ pub use crate::data::{MaterialWeight, NodePattern, TextureFormat};
 pub use budgets::Budgets;
 pub use choices::{
     Candidates, ExistingLods, InitialTexture, JointSplitting, MorphTargets, OnMiss, Quality, Resolution, Scope,
-    SkinTransfer, SourceGeometry, TextureSolver,
+    SkinTransfer, SourceGeometry, TextureCompression, TextureSolver,
 };
 pub use field::FieldInfo;
 pub use fields::{BakeOverrides, BakeSettings, ObjectRule, reference};

@@ -16,16 +16,17 @@ impl ObjectRule {
 
     /// Tells whether all fields that are set concern an object, and not the scene around it.
     fn is_of_an_object(&self) -> bool {
-        let BakeOverrides { scope, objects, object_rules, whole, source, existing_lods, .. } = &self.settings;
+        let BakeOverrides { scope, objects, object_rules, whole, source, existing_lods, texture_compression, .. } =
+            &self.settings;
         let divides = scope.is_some() || objects.is_some() || object_rules.is_some() || whole.is_some();
-        !divides && source.is_none() && existing_lods.is_none()
+        !divides && source.is_none() && existing_lods.is_none() && texture_compression.is_none()
     }
 }
 
 impl Value for Vec<ObjectRule> {
     fn accepts(_: Limit) -> String {
         format!(
-            "at most {MOST} of (node: \"glob\", settings: (..)), without scope, objects, object_rules, whole, source and existing_lods"
+            "at most {MOST} of (node: \"glob\", settings: (..)), without scope, objects, object_rules, whole, source, existing_lods and texture_compression"
         )
     }
 

@@ -7,8 +7,9 @@ use simpliguard_texture::Content;
 
 use crate::gltf::gpu_cost::find_textures;
 
-/// The filter of pixel art, where blocks would show.
+/// Filters of samplers: that of pixel art, where blocks would show, and the one with smooth mipmaps.
 const NEAREST: usize = 9728;
+const LINEAR_MIPMAP_LINEAR: usize = 9987;
 
 /// The images that can lie in blocks: those that only materials of primitives show, in the textures of glTF itself. The
 /// plugin learns of textures by the primitives, and nobody knows the content of a texture of an extension.
@@ -60,11 +61,13 @@ fn textures(material: &Value) -> impl Iterator<Item = (usize, Content)> {
     all.into_iter().filter_map(|(path, content)| Some((number(material.pointer(path)?, "index")?, content)))
 }
 
-/// False for textures with extensions, and for pixel art.
+/// False for textures with extensions, for pixel art, and for textures that want no smooth mipmaps.
 fn is_plain(json: &Value, texture: &Value) -> bool {
     let sampler = number(texture, "sampler").and_then(|sampler| list(json, "samplers").get(sampler));
+    let filter = |name| number(sampler?, name);
     texture.get("extensions").is_none()
-        && sampler.and_then(|sampler| number(sampler, "magFilter")).is_none_or(|filter| filter != NEAREST)
+        && filter("magFilter").is_none_or(|filter| filter != NEAREST)
+        && filter("minFilter").is_none_or(|filter| filter == LINEAR_MIPMAP_LINEAR)
 }
 
 /// The content of an image that is used for both. `None` if its mipmaps cannot suit both.
@@ -102,8 +105,9 @@ mod tests {
             "textures": [
                 { "source": 0 }, { "source": 1 }, { "source": 1 }, { "source": 2, "sampler": 0 },
                 { "source": 3, "extensions": { "EXT_texture_webp": { "source": 3 } } }, { "source": 4, "sampler": 1 },
+                { "source": 5, "sampler": 2 },
             ],
-            "samplers": [{ "magFilter": 9728 }, { "magFilter": 9729 }],
+            "samplers": [{ "magFilter": 9728 }, { "magFilter": 9729, "minFilter": 9987 }, { "minFilter": 9729 }],
         });
         contents(&json).into_iter().collect()
     }
@@ -124,7 +128,7 @@ mod tests {
 
     #[test]
     fn pixel_art_and_textures_with_extensions_stay() {
-        assert_eq!(of(&json!([base(3), base(4), base(5), {}])), [(4, Content::Colour)]);
+        assert_eq!(of(&json!([base(3), base(4), base(5), base(6), {}])), [(4, Content::Colour)]);
     }
 
     #[test]
