@@ -59,6 +59,12 @@ impl<'a> CachedBake<'a> {
         Ok(Self { key, image_key, source, settings, parts, cache, isolation: None })
     }
 
+    /// The key of the result whose textures are images. With `texture_compression: Bc`, [`Self::key`] is another one: its
+    /// result is made from this one in little time.
+    pub fn image_key(&self) -> Key {
+        self.image_key
+    }
+
     /// The bake of the result whose textures are images.
     fn with_images(&self) -> Self {
         Self { key: self.image_key, ..*self }

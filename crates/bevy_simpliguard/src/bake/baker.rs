@@ -75,7 +75,9 @@ impl Baker {
             }
             return levels;
         }
-        let meanwhile = self.meanwhile(path, &input);
+        // Levels that somebody has baked only wait for their textures.
+        let found = request.cached_with_images().map(|result| result.combined.into());
+        let meanwhile = found.unwrap_or_else(|| self.meanwhile(path, &input));
         if can_swap {
             self.queue.push(Job::swapped_in(request, blake3::hash(&meanwhile)));
         }
@@ -113,8 +115,9 @@ impl Baker {
         }
         let mut settings = resolve(layers)?.settings;
         settings.texture_compression = settings.texture_compression.in_game();
-        let key = CachedBake::new(input.files.source(), &settings, Parts::Combined, None)?.key();
-        Ok(BakeRequest { path: path.clone(), settings, key, cache: self.cache(&project) })
+        let bake = CachedBake::new(input.files.source(), &settings, Parts::Combined, None)?;
+        let (key, image_key) = (bake.key(), bake.image_key());
+        Ok(BakeRequest { path: path.clone(), settings, key, image_key, cache: self.cache(&project) })
     }
 
     fn cache(&self, project: &ProjectFile) -> Option<Arc<Cache>> {
