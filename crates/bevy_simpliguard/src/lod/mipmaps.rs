@@ -240,8 +240,7 @@ mod tests {
         assert_eq!(image.texture_descriptor.mip_level_count, 4);
         assert_eq!(image.data, Some(vec![200; 4 * (16 + 4 + 2 + 1)]));
         assert!(with_mipmaps(image, Content::Colour).is_none());
-        let mut of_three_bytes = Image::default();
-        of_three_bytes.data = Some(vec![200; 3]);
+        let of_three_bytes = Image { data: Some(vec![200; 3]), ..default() };
         assert!(with_mipmaps(of_three_bytes, Content::Colour).is_none());
     }
 }
