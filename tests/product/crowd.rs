@@ -17,9 +17,12 @@ use bevy::image::{CompressedImageFormatSupport, CompressedImageFormats};
 use bevy::mesh::MeshPlugin;
 use bevy::mesh::skinning::SkinnedMesh;
 use bevy::prelude::*;
+use bevy::render::render_resource::TextureFormat;
 use bevy::time::TimeUpdateStrategy;
 use bevy::world_serialization::WorldSerializationPlugin;
-use bevy_simpliguard::lod::{LodPlugin, LodSettings, SimpliguardLods};
+use bevy_simpliguard::lod::{LodGroup, LodPlugin, LodSettings, ModelMemory, SimpliguardLods, memory_of};
+use simpliguard::Cancellation;
+use simpliguard::gltf::compress_textures;
 
 use self::octopuses::{Crowd, MODEL, Place, complete};
 use super::bake::OCTOPUS;
@@ -74,10 +77,67 @@ fn textures_of_levels_and_source_have_mipmaps() {
     }
 }
 
+/// The file as the plugin leaves it for a game.
+fn in_blocks() -> Vec<u8> {
+    compress_textures(MODEL, &OCTOPUS.glb, &Cancellation::default()).expect("a baked file")
+}
+
+/// The images of all textures of an octopus in a game whose GPU takes these formats, and the memory of source and levels.
+fn textures_of(glb: Vec<u8>, formats: CompressedImageFormats) -> (Vec<Image>, ModelMemory) {
+    let mut app = crowd_of(glb, formats, Crowd { count: 1 }, LodPlugin::default());
+    let world = app.world_mut();
+    let groups: Vec<LodGroup> = world.query::<&LodGroup>().iter(world).cloned().collect();
+    let (server, images) = (world.resource::<AssetServer>(), world.resource::<Assets<Image>>());
+    let mut memory = memory_of(&groups, world.resource::<Assets<Mesh>>(), images);
+    let file = gltf::Gltf::from_slice(&OCTOPUS.glb).expect("glTF");
+    let labels = file.textures().map(|texture| GltfAssetLabel::Texture(texture.index()).from_asset(MODEL));
+    let image = |label| server.get_handle(&label).and_then(|handle| images.get(&handle)).expect("it is loaded").clone();
+    (labels.map(image).collect(), memory.pop().expect("one model"))
+}
+
+#[test]
+fn textures_in_blocks_take_a_quarter_of_the_memory() {
+    let (blocks, small) = textures_of(in_blocks(), CompressedImageFormats::BC);
+    let (texels, large) = textures_of(OCTOPUS.glb.clone(), CompressedImageFormats::BC);
+    for (blocks, texels) in blocks.iter().zip(&texels) {
+        let (blocks, texels) = (&blocks.texture_descriptor, &texels.texture_descriptor);
+        let expected = match texels.format {
+            TextureFormat::Rgba8UnormSrgb => TextureFormat::Bc7RgbaUnormSrgb,
+            _ => TextureFormat::Bc7RgbaUnorm,
+        };
+        assert_eq!((blocks.format, blocks.size), (expected, texels.size));
+        assert_eq!(blocks.mip_level_count, texels.mip_level_count);
+    }
+    for (small, large) in [(small.source, large.source), (small.levels, large.levels)] {
+        let gain = large.textures as f64 / small.textures as f64;
+        assert!((3.99..=4.0).contains(&gain), "{large:?} became {small:?}");
+    }
+}
+
+#[test]
+fn without_a_gpu_for_blocks_textures_are_the_same_texels() {
+    let (decoded, memory) = textures_of(in_blocks(), CompressedImageFormats::NONE);
+    let (texels, plain) = textures_of(OCTOPUS.glb.clone(), CompressedImageFormats::NONE);
+    assert_eq!(memory, plain);
+    for (a, b) in decoded.iter().zip(&texels) {
+        assert_eq!(a.texture_descriptor, b.texture_descriptor);
+        assert_eq!(a.sampler, b.sampler);
+        let (a, b) = (a.data.as_ref().expect("texels"), b.data.as_ref().expect("texels"));
+        let squares = a.iter().zip(b).map(|(a, b)| f64::from(a.abs_diff(*b)).powi(2)).sum::<f64>();
+        let psnr = 10.0 * (255.0 * 255.0 * a.len() as f64 / squares).log10();
+        assert!(a.len() == b.len() && psnr > 35.0, "{psnr} dB");
+    }
+}
+
 /// The crowd once all of it is there, 30 frames a second.
 fn crowd(crowd: Crowd, levels: LodPlugin) -> App {
+    crowd_of(OCTOPUS.glb.clone(), CompressedImageFormats::NONE, crowd, levels)
+}
+
+/// As [`crowd`], with this file as its model, and for a GPU that takes these formats.
+fn crowd_of(glb: Vec<u8>, formats: CompressedImageFormats, crowd: Crowd, levels: LodPlugin) -> App {
     let (mut app, dir) = (App::new(), Dir::default());
-    dir.insert_asset(Path::new(MODEL), OCTOPUS.glb.clone());
+    dir.insert_asset(Path::new(MODEL), glb);
     app.register_asset_source(
         AssetSourceId::Default,
         AssetSourceBuilder::new(move || Box::new(MemoryAssetReader { root: dir.clone() })),
@@ -95,7 +155,7 @@ fn crowd(crowd: Crowd, levels: LodPlugin) -> App {
         levels,
         crowd,
     ))
-    .insert_resource(CompressedImageFormatSupport(CompressedImageFormats::NONE))
+    .insert_resource(CompressedImageFormatSupport(formats))
     .insert_resource(TimeUpdateStrategy::ManualDuration(Duration::from_secs(1) / 30));
     app.finish();
     app.cleanup();

@@ -4,6 +4,7 @@ mod appearance;
 mod assets;
 mod bake;
 mod bevy_cli;
+mod blocks;
 mod crowd;
 mod docs;
 mod objects;

@@ -3,12 +3,15 @@
 use std::path::Path;
 use std::time::Duration;
 
+use bevy::app::PluginGroupBuilder;
 use bevy::asset::io::memory::{Dir, MemoryAssetReader};
 use bevy::asset::io::{AssetSourceBuilder, AssetSourceId};
 use bevy::camera::RenderTarget;
 use bevy::prelude::*;
+use bevy::render::RenderPlugin;
 use bevy::render::pipelined_rendering::PipelinedRenderingPlugin;
 use bevy::render::render_resource::TextureFormat;
+use bevy::render::settings::{WgpuFeatures, WgpuSettings};
 use bevy::render::view::screenshot::{Screenshot, ScreenshotCaptured};
 use bevy::window::ExitCondition;
 use bevy::winit::WinitPlugin;
@@ -41,15 +44,25 @@ struct Captured(Option<Vec<u8>>);
 impl Scene {
     /// Pictures have a side of `side` pixels. Only where it is not pipelined can the renderer's world be looked at.
     pub(crate) fn new(glb: Vec<u8>, levels: LodPlugin, side: u32, pipelined: bool) -> Self {
+        let plugins = without_window();
+        let plugins = if pipelined { plugins } else { plugins.disable::<PipelinedRenderingPlugin>() };
+        Self::with(glb, levels, side, plugins)
+    }
+
+    /// As [`Self::new`], on a GPU without these features.
+    pub(crate) fn without(features: WgpuFeatures, glb: Vec<u8>, side: u32) -> Self {
+        let settings = WgpuSettings { disabled_features: Some(features), ..default() };
+        let render = RenderPlugin { render_creation: settings.into(), ..default() };
+        Self::with(glb, LodPlugin::default(), side, without_window().set(render))
+    }
+
+    fn with(glb: Vec<u8>, levels: LodPlugin, side: u32, plugins: PluginGroupBuilder) -> Self {
         let (mut app, dir) = (App::new(), Dir::default());
         dir.insert_asset(Path::new("model.glb"), glb);
         app.register_asset_source(
             AssetSourceId::Default,
             AssetSourceBuilder::new(move || Box::new(MemoryAssetReader { root: dir.clone() })),
         );
-        let window = WindowPlugin { primary_window: None, exit_condition: ExitCondition::DontExit, ..default() };
-        let plugins = DefaultPlugins.set(window).disable::<WinitPlugin>();
-        let plugins = if pipelined { plugins } else { plugins.disable::<PipelinedRenderingPlugin>() };
         app.add_plugins((plugins, levels)).init_resource::<Captured>();
         app.finish();
         app.cleanup();
@@ -106,4 +119,9 @@ impl Scene {
             }
         }
     }
+}
+
+fn without_window() -> PluginGroupBuilder {
+    let window = WindowPlugin { primary_window: None, exit_condition: ExitCondition::DontExit, ..default() };
+    DefaultPlugins.set(window).disable::<WinitPlugin>()
 }

@@ -3,8 +3,9 @@
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
-use simpliguard::settings::{BakeSettings, Scope};
-use simpliguard::{Context, Error, Key, ProgressSink, SceneBake, Source, StageStore, bake_key};
+use simpliguard::gltf::BLOCKS_VERSION;
+use simpliguard::settings::{BakeSettings, Scope, TextureCompression};
+use simpliguard::{Context, Error, Key, KeyBuilder, ProgressSink, SceneBake, Source, StageStore, bake_key};
 use simpliguard_cache::{Cache, Flight, Lookup, SingleFlight};
 
 use crate::host::{Host, Notice};
@@ -21,6 +22,8 @@ pub struct CachedBake<'a> {
     cache: Option<&'a Cache>,
     isolation: Option<&'a Isolation>,
     key: Key,
+    /// The key of the result whose textures are images. The other one is made from it.
+    image_key: Key,
 }
 
 /// A result and its origin.
@@ -46,7 +49,25 @@ impl<'a> CachedBake<'a> {
         parts: Parts<'a>,
         cache: Option<&'a Cache>,
     ) -> Result<Self, Error> {
-        Ok(Self { key: bake_key(&source, settings)?, source, settings, parts, cache, isolation: None })
+        let image_key = bake_key(&source, settings)?;
+        let key = match settings.texture_compression {
+            TextureCompression::Auto | TextureCompression::Off => image_key,
+            TextureCompression::Bc => {
+                KeyBuilder::new("textures in blocks").stage("BC7", BLOCKS_VERSION).key(&image_key).finish()
+            }
+        };
+        Ok(Self { key, image_key, source, settings, parts, cache, isolation: None })
+    }
+
+    /// The key of the result whose textures are images. With `texture_compression: Bc`, [`Self::key`] is another one: its
+    /// result is made from this one in little time.
+    pub fn image_key(&self) -> Key {
+        self.image_key
+    }
+
+    /// The bake of the result whose textures are images.
+    fn with_images(&self) -> Self {
+        Self { key: self.image_key, ..*self }
     }
 
     /// Bakes in a process of its own, if there is to be one.
@@ -69,6 +90,17 @@ impl<'a> CachedBake<'a> {
     /// # Errors
     /// Those of the pipeline and of [`Host::begin`]; [`Error::Cancelled`] if the wait or the bake is cancelled.
     pub fn run(&self, context: &Context<'_>, host: &impl Host) -> Result<Outcome, Error> {
+        if self.key != self.image_key {
+            return self.find_or_make(context, host, |context| {
+                let Outcome { result, .. } = self.with_images().run_with_images(context, host)?;
+                host.compute(|| result.in_blocks(self.source.name, context))
+            });
+        }
+        self.run_with_images(context, host)
+    }
+
+    /// As [`Self::run`], for a bake [with images](Self::with_images).
+    fn run_with_images(&self, context: &Context<'_>, host: &impl Host) -> Result<Outcome, Error> {
         self.find_or_make(context, host, |context| {
             host.begin()?;
             let Some(isolation) = self.isolation else { return self.make(context, host) };
@@ -137,6 +169,7 @@ impl<'a> CachedBake<'a> {
             let progress = progress.as_ref().map(|progress| progress as &dyn ProgressSink);
             let own = Context { progress, preview: None, ..context.clone() };
             let outcome = CachedBake::new(object.source(&self.source), &object.settings, Parts::Combined, self.cache)
+                .map(|bake| bake.with_images())
                 .and_then(|bake| bake.find_or_make(&own, &ObjectHost(host), |own| bake.bake(own, host)));
             let is_object = |_: &&Outcome| object.is_object();
             outcome.iter().filter(is_object).for_each(|outcome| host.object(&object.name, outcome.is_cached));
@@ -222,6 +255,24 @@ mod tests {
             (Status::PassThrough, &second.result.combined)
         );
         assert!(host.notices.into_inner().is_empty());
+    }
+
+    #[test]
+    fn textures_in_blocks_have_a_key_of_their_own_and_share_the_bake() {
+        let (dir, host) = (tempfile::tempdir().expect("tempdir"), Recorder::default());
+        let cache = Cache::new(dir.path());
+        let with = |texture_compression| BakeSettings { texture_compression, ..BakeSettings::default() };
+        let run = |settings: &BakeSettings| {
+            let outcome = bake(settings, Some(&cache)).run(&Context::default(), &host).expect("bakes");
+            (outcome.key, outcome.is_cached)
+        };
+        let [auto, off, bc] = [TextureCompression::Auto, TextureCompression::Off, TextureCompression::Bc].map(with);
+        let (images, _) = run(&auto);
+        assert_eq!(run(&off), (images, true));
+        let (blocks, is_cached) = run(&bc);
+        assert!(blocks != images && !is_cached);
+        assert_eq!(run(&bc), (blocks, true));
+        assert_eq!(host.begun.get(), 1, "one bake for both");
     }
 
     #[test]

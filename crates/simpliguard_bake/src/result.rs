@@ -3,9 +3,9 @@
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
 use simpliguard::data::{Level, Model};
-use simpliguard::gltf::{check_binary, export_level};
+use simpliguard::gltf::{check_binary, compress_textures, export_level};
 use simpliguard::settings::BakeSettings;
-use simpliguard::{Context, Error, Report, Source, StageId};
+use simpliguard::{Context, Error, Report, Source, StageId, Status};
 use simpliguard_cache::{Check, Entry};
 
 const COMBINED: &str = "combined.glb";
@@ -85,6 +85,19 @@ impl BakeResult {
         parts: Parts<'_>,
     ) -> Result<Self, Error> {
         catch_panics(source.name, || run_pipeline(source, settings, context, parts.sheet()))
+    }
+
+    /// With the textures of the combined file in blocks, if it has levels.
+    ///
+    /// # Errors
+    /// Those of [`compress_textures`].
+    pub(crate) fn in_blocks(self, asset: &str, context: &Context<'_>) -> Result<Self, Error> {
+        match self.report.status {
+            Status::Baked | Status::KeptLods => {}
+            Status::SmallEnough | Status::PassThrough => return Ok(self),
+        }
+        let compress = || compress_textures(asset, &self.combined, &context.cancellation);
+        Ok(Self { combined: catch_panics(asset, compress)?, ..self })
     }
 
     /// The form in the cache.
@@ -189,7 +202,6 @@ fn run_pipeline(
 
 #[cfg(test)]
 mod tests {
-    use simpliguard::Status;
     use simpliguard::gltf::binary;
 
     use super::*;

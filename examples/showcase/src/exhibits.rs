@@ -130,6 +130,7 @@ impl Model {
 }
 
 /// Takes over the levels that the gallery's instances of the source have: those of the scene, or those of its objects.
+#[expect(clippy::too_many_arguments, reason = "a system of Bevy lists what it uses")]
 fn note_levels(
     mut collection: ResMut<Collection>,
     sources: Query<(Entity, &Exhibit, &Pinned)>,

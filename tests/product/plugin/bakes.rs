@@ -47,6 +47,27 @@ fn the_model_comes_at_once_and_its_levels_follow() {
     third.quit_without_bakes();
 }
 
+/// Textures of source and levels lie in blocks where the game imports them, unless a setting says otherwise.
+#[test]
+fn textures_of_a_processed_file_lie_in_blocks() {
+    let in_blocks = |settings: &str| {
+        let project = with_globe();
+        let process = format!("Process(processor: \"bevy_simpliguard::SimpliguardProcess\", settings: ({settings}))");
+        project.save("assets/globe.gltf.meta", format!("(meta_format_version: \"1.0\", asset: {process})"));
+        let mut game = project.run();
+        game.wait_for("finished", "globe.gltf");
+        game.wait_for_levels("globe.gltf", 2);
+        game.quit();
+        let processed = fs::read(project.path("imported_assets/Default/globe.gltf")).expect("processed");
+        let file = gltf::Gltf::from_slice(&processed).expect("glTF");
+        let is_in_blocks = |image: gltf::Image<'_>| image.extras().as_ref().is_some_and(|e| e.get().contains("bc7"));
+        file.images().map(is_in_blocks).collect::<Vec<bool>>()
+    };
+    let (by_default, off) = (in_blocks(""), in_blocks("texture_compression: Off"));
+    assert!(by_default.len() > 1 && by_default.iter().all(|is_in_blocks| *is_in_blocks), "{by_default:?}");
+    assert!(off.len() == by_default.len() && !off.contains(&true), "{off:?}");
+}
+
 #[test]
 fn bakes_in_processes_of_their_own_give_the_same_levels() {
     let levels = |options: &str| {

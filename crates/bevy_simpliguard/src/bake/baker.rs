@@ -10,8 +10,8 @@ use bevy::platform::collections::HashSet;
 use bevy::prelude::*;
 use bytes::Bytes;
 use simpliguard::settings::{CacheSettings, Layer, Origin, ProjectFile, parse_meta, resolve};
-use simpliguard::{Error, Key, bake_key};
-use simpliguard_bake::{CachePlace, OutsideProject, Parts, look_up, open_cache};
+use simpliguard::{Error, Key};
+use simpliguard_bake::{CachePlace, CachedBake, OutsideProject, Parts, look_up, open_cache};
 use simpliguard_cache::Cache;
 
 use super::activity::ProcessorActivity;
@@ -75,7 +75,9 @@ impl Baker {
             }
             return levels;
         }
-        let meanwhile = self.meanwhile(path, &input);
+        // Levels that somebody has baked only wait for their textures.
+        let found = request.cached_with_images().map(|result| result.combined.into());
+        let meanwhile = found.unwrap_or_else(|| self.meanwhile(path, &input));
         if can_swap {
             self.queue.push(Job::swapped_in(request, blake3::hash(&meanwhile)));
         }
@@ -111,9 +113,11 @@ impl Baker {
             let overrides = parse_meta(text, &file)?;
             layers.extend(overrides.map(|overrides| Layer { origin: Origin::Meta { file }, overrides }));
         }
-        let settings = resolve(layers)?.settings;
-        let key = bake_key(&input.files.source(), &settings)?;
-        Ok(BakeRequest { path: path.clone(), settings, key, cache: self.cache(&project) })
+        let mut settings = resolve(layers)?.settings;
+        settings.texture_compression = settings.texture_compression.in_game();
+        let bake = CachedBake::new(input.files.source(), &settings, Parts::Combined, None)?;
+        let (key, image_key) = (bake.key(), bake.image_key());
+        Ok(BakeRequest { path: path.clone(), settings, key, image_key, cache: self.cache(&project) })
     }
 
     fn cache(&self, project: &ProjectFile) -> Option<Arc<Cache>> {

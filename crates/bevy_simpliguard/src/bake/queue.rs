@@ -279,7 +279,7 @@ mod tests {
 
     fn request(path: &'static str, version: &str) -> BakeRequest {
         let key = KeyBuilder::new(version).finish();
-        BakeRequest { path: path.into(), settings: BakeSettings::default(), key, cache: None }
+        BakeRequest { path: path.into(), settings: BakeSettings::default(), key, image_key: key, cache: None }
     }
 
     fn job(path: &'static str, version: &str) -> Job {

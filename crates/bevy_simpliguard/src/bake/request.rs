@@ -16,6 +16,8 @@ pub(super) struct BakeRequest {
     pub(super) settings: BakeSettings,
     /// The key of the result.
     pub(super) key: Key,
+    /// The key of the same result with images for textures.
+    pub(super) image_key: Key,
     /// The cache of results. `None` if there is no place for one.
     pub(super) cache: Option<Arc<Cache>>,
 }
@@ -23,7 +25,16 @@ pub(super) struct BakeRequest {
 impl BakeRequest {
     /// The result, without single levels, if the cache has it.
     pub(super) fn cached(&self) -> Option<BakeResult> {
+        self.find(&self.key)
+    }
+
+    /// The result with images for textures, if the cache has it.
+    pub(super) fn cached_with_images(&self) -> Option<BakeResult> {
+        self.find(&self.image_key)
+    }
+
+    fn find(&self, key: &Key) -> Option<BakeResult> {
         let warn = |notice| warn!("{}: {notice}", self.path);
-        look_up(self.cache.as_deref()?, &self.key, Parts::Combined, warn)
+        look_up(self.cache.as_deref()?, key, Parts::Combined, warn)
     }
 }

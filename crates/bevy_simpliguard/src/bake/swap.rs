@@ -120,7 +120,8 @@ mod tests {
 
     fn job(version: &str) -> Job {
         let key = KeyBuilder::new(version).finish();
-        let request = BakeRequest { path: "a.glb".into(), settings: BakeSettings::default(), key, cache: None };
+        let request =
+            BakeRequest { path: "a.glb".into(), settings: BakeSettings::default(), key, image_key: key, cache: None };
         Job::swapped_in(request, blake3::hash(b"source"))
     }
 

@@ -45,7 +45,7 @@ pub(super) struct LoaderDefaults {
 pub(super) struct LodHandler {
     others: Vec<Box<dyn ErasedGltfExtensionHandler>>,
     defaults: LoaderDefaults,
-    /// Makes mipmaps for textures. `None` if they are switched off.
+    /// Makes the images of textures. `None` without Bevy's own samplers.
     mipmaps: Option<Mipmaps>,
     /// The levels of the file that is being loaded, if it has any.
     file: Option<Arc<LodFile>>,
@@ -72,15 +72,16 @@ impl GltfExtensionHandler for LodHandler {
     }
 
     fn on_root(&mut self, context: &mut LoadContext<'_>, gltf: &gltf::Gltf, settings: &GltfLoaderSettings) {
-        if settings.load_meshes.is_empty() {
-            return;
+        let name = context.path().to_string();
+        if !settings.load_meshes.is_empty() {
+            self.defaults.convert_coordinates =
+                settings.convert_coordinates.unwrap_or(self.defaults.convert_coordinates);
+            self.defaults.bounds_policy = settings.skinned_mesh_bounds_policy.unwrap_or(self.defaults.bounds_policy);
+            self.file = LodFile::read(&gltf.document, &name).map(Arc::new);
         }
-        self.defaults.convert_coordinates = settings.convert_coordinates.unwrap_or(self.defaults.convert_coordinates);
-        self.defaults.bounds_policy = settings.skinned_mesh_bounds_policy.unwrap_or(self.defaults.bounds_policy);
         if let Some(mipmaps) = &mut self.mipmaps {
-            mipmaps.begin(settings);
+            mipmaps.begin(&gltf.document, &name, settings, self.file.is_some());
         }
-        self.file = LodFile::read(&gltf.document, &context.path().to_string()).map(Arc::new);
     }
 
     /// Makes a second material for levels that are seen mirrored, as the loader does for meshes of the scene.
@@ -122,8 +123,7 @@ impl GltfExtensionHandler for LodHandler {
             let groups = file.by_mesh.get(&mesh.index()).into_iter().flatten();
             groups.for_each(|&group| self.extend_bounds(&file, group, primitive, buffers));
         }
-        let mipmaps = self.mipmaps.as_mut().filter(|_| self.file.is_some());
-        let images = mipmaps.map(|mipmaps| mipmaps.start(&primitive.material(), buffers));
+        let images = self.mipmaps.as_mut().map(|mipmaps| mipmaps.start(&primitive.material(), buffers));
         async move {
             for (label, image) in images.into_iter().flatten() {
                 if let Some(image) = image.await {

@@ -42,6 +42,7 @@
 //!
 //! [`VisibilityRange`]: bevy::camera::visibility::VisibilityRange
 
+mod blocks;
 mod bounds;
 mod components;
 mod distance;
@@ -60,6 +61,7 @@ use bevy::camera::CameraUpdateSystems;
 use bevy::camera::visibility::VisibilitySystems;
 use bevy::gltf::extensions::GltfExtensionHandlers;
 use bevy::gltf::{DefaultGltfImageSampler, GltfPlugin};
+use bevy::image::{CompressedImageFormatSupport, CompressedImageFormats};
 use bevy::prelude::*;
 use bevy::tasks::block_on;
 use bevy::transform::TransformSystems;
@@ -67,7 +69,7 @@ use bevy::transform::TransformSystems;
 pub use self::components::{LodGroup, LodLevel, LodMember, LodPrimitive, LodSettings, LodView, SimpliguardLods};
 use self::handler::{LoaderDefaults, LodHandler};
 pub use self::memory::{Memory, ModelMemory, memory_of};
-use self::mipmaps::Mipmaps;
+use self::mipmaps::{Mipmaps, TextureOptions};
 pub use self::stats::{LodLevelStats, LodStats};
 
 /// Switches the levels of baked glTF files. It needs Bevy's `GltfPlugin` and may be added before or after it.
@@ -78,7 +80,8 @@ pub struct LodPlugin {
     /// True if the textures of levels, and those of their source, get mipmaps when they are loaded, so that nothing
     /// sparkles afar, and a switch does not change the look. Textures whose own sampler asks for no mipmaps get none.
     /// Mipmaps need a third more memory, and the textures are decoded a second time, on the threads of Bevy's
-    /// `AsyncComputeTaskPool`. They are filtered with the sampler of Bevy's `GltfPlugin`.
+    /// `AsyncComputeTaskPool`. Textures in blocks of BC7 have their mipmaps in the file; they are decoded only for a GPU that
+    /// does not take them. All are filtered with the sampler of Bevy's `GltfPlugin`.
     pub mipmaps: bool,
     /// Largest anisotropy of the filter of mipmaps, from 1 (none: surfaces that are seen at a grazing angle blur) to 16.
     /// Where the sampler of Bevy's `GltfPlugin` is anisotropic, its own counts.
@@ -131,8 +134,11 @@ impl Plugin for LodPlugin {
             error!("no levels of detail: LodPlugin needs Bevy's GltfPlugin (or DefaultPlugins)");
             return;
         };
-        let sampler = app.world().get_resource::<DefaultGltfImageSampler>().filter(|_| self.mipmaps);
-        let mipmaps = sampler.map(|sampler| Mipmaps::new(sampler.get_internal(), self.anisotropy));
+        let formats = app.world().get_resource::<CompressedImageFormatSupport>();
+        let formats = formats.map_or(CompressedImageFormats::NONE, |support| support.0);
+        let options = TextureOptions { mipmaps: self.mipmaps, anisotropy: self.anisotropy, formats };
+        let sampler = app.world().get_resource::<DefaultGltfImageSampler>();
+        let mipmaps = sampler.map(|sampler| Mipmaps::new(sampler.get_internal(), options));
         let mut handlers = block_on(handlers.0.write());
         let handler = LodHandler::new(handlers.clone(), defaults.unwrap_or_default(), mipmaps);
         handlers.push(Box::new(handler));

@@ -20,7 +20,6 @@ mod model;
 mod morphs;
 mod node_pattern;
 mod rig;
-mod srgb;
 mod surface;
 mod texture;
 
@@ -40,7 +39,7 @@ pub use model::Model;
 pub use morphs::{MorphTarget, Morphs};
 pub use node_pattern::NodePattern;
 pub use rig::{Bone, Influences, Pose, Rig};
-pub use srgb::{linear_to_srgb, srgb_to_linear, to_byte};
+pub use simpliguard_texture::{linear_to_srgb, srgb_to_linear, to_byte};
 pub(crate) use surface::gather;
 pub use surface::{SMALLEST_EXTENT, Surface};
 pub use texture::{Texture, Wrap};

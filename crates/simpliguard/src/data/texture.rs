@@ -4,9 +4,9 @@ use std::sync::Arc;
 
 use glam::{Vec2, Vec4};
 use image::RgbaImage;
+use simpliguard_texture::{linear_to_srgb, srgb_to_linear};
 
 use super::image::{half_size, halved, mean};
-use super::srgb::{linear_to_srgb, srgb_to_linear};
 
 /// Wrap mode of one texture axis.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]

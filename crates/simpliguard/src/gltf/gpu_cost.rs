@@ -55,7 +55,11 @@ pub fn gpu_cost(document: &Document, nodes: impl IntoIterator<Item = usize>) -> 
 
 /// Bytes of a texture on the GPU, with its mipmaps. `None` if its image cannot be read.
 pub fn texture_memory(document: &Document, texture: usize) -> Option<u64> {
-    let bytes = encoded_image(document, image_of_texture(document, texture)?)?;
+    let image = image_of_texture(document, texture)?;
+    if let Some(bytes) = document.block_bytes.get(&image) {
+        return Some(*bytes);
+    }
+    let bytes = encoded_image(document, image)?;
     let decoder = ImageReader::new(Cursor::new(bytes)).with_guessed_format().ok()?.into_decoder().ok()?;
     Some(texels_with_mipmaps(decoder.dimensions().into()) * bytes_per_texel(decoder.color_type()))
 }
@@ -85,7 +89,7 @@ pub fn textures_of_material(document: &Document, material: usize) -> BTreeSet<us
 }
 
 /// Collects the `index` of every property whose name ends in `Texture`, also within extensions.
-fn find_textures(value: &Value, found: &mut BTreeSet<usize>) {
+pub(super) fn find_textures(value: &Value, found: &mut BTreeSet<usize>) {
     for (name, value) in value.as_object().into_iter().flatten() {
         if name.ends_with("Texture") {
             found.extend(index(value, "index"));
@@ -205,6 +209,13 @@ mod tests {
     #[test]
     fn an_image_that_cannot_be_read_counts_nothing() {
         assert_eq!([0, 2, 3, 4].map(|texture| texture_memory(&document(), texture)), [Some(44), Some(8), None, None]);
+    }
+
+    #[test]
+    fn an_image_that_was_in_blocks_counts_as_these() {
+        let mut document = document();
+        document.block_bytes.insert(0, 48);
+        assert_eq!([0, 1, 2].map(|texture| texture_memory(&document, texture)), [Some(48), Some(48), Some(8)]);
     }
 
     #[test]

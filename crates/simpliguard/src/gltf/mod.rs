@@ -1,14 +1,18 @@
 //! Reading and writing of glTF.
 
 mod authored;
+mod blocks;
 mod export;
 mod glb;
 mod gpu_cost;
 mod import;
 mod objects;
+mod png;
+mod rewrite;
 mod uris;
 
 pub use authored::has_levels;
+pub use blocks::{BLOCKS_VERSION, compress_textures};
 pub(crate) use export::export_in;
 pub use export::{ExportParams, export, export_level};
 pub use glb::binary;

@@ -65,6 +65,27 @@ choice! {
 }
 
 choice! {
+    /// The form of textures in a file with levels.
+    pub enum TextureCompression {
+        /// That of the program: blocks where a game imports its models, images where the command bakes.
+        #[default]
+        Auto,
+        /// PNG and JPEG.
+        Off,
+        /// Blocks of BC7.
+        Bc,
+    }
+}
+
+impl TextureCompression {
+    /// The form in a file that a game imports for itself.
+    #[must_use]
+    pub fn in_game(self) -> Self {
+        if self == Self::Auto { Self::Bc } else { self }
+    }
+}
+
+choice! {
     /// The surfaces that compete for each level.
     pub enum Candidates {
         /// All; the one that renders most like the source wins.

@@ -7,7 +7,7 @@ use super::atlas_size::AtlasSize;
 use super::budgets::Budgets;
 use super::choices::{
     Candidates, ExistingLods, InitialTexture, JointSplitting, LaplacianOf, MorphTargets, OnMiss, Quality, Resolution,
-    Scope, SkinTransfer, SourceGeometry, TextureSolver,
+    Scope, SkinTransfer, SourceGeometry, TextureCompression, TextureSolver,
 };
 use super::field::{FieldInfo, PerQuality, ValueSeed, always, by_quality, check};
 use super::target::Target;
@@ -248,6 +248,10 @@ settings! {
     /// Format of colour textures. `Jpeg(90)` takes a fraction of the bytes of PNG. Images with alpha stay PNG, and so
     /// do images that are not colours: normals, occlusion, roughness and metalness.
     texture_format: TextureFormat = always(TextureFormat::Png), Limit::Between(1.0, 100.0);
+    /// Form of the textures of levels and source in the file that has both. `Bc` is for games with this plugin: blocks of
+    /// BC7 with mipmaps, which take a quarter of the memory of a GPU; other programs see small images. `Off` is for
+    /// everybody: PNG and JPEG. `Auto` is `Bc` where a game imports its models, and `Off` where the command bakes.
+    texture_compression: TextureCompression = always(TextureCompression::Auto), Limit::None;
     /// Distance between charts, in texels.
     gutter: u32 = always(4), Limit::Between(1.0, 16.0);
     /// Gives each level a normal map with the detail of the source.

@@ -32,7 +32,7 @@ pub use atlas_size::AtlasSize;
 pub use budgets::Budgets;
 pub use choices::{
     Candidates, ExistingLods, InitialTexture, JointSplitting, LaplacianOf, MorphTargets, OnMiss, Quality, Resolution,
-    Scope, SkinTransfer, SourceGeometry, TextureSolver,
+    Scope, SkinTransfer, SourceGeometry, TextureCompression, TextureSolver,
 };
 pub use field::FieldInfo;
 pub use fields::{BakeOverrides, BakeSettings, ObjectRule, reference};

@@ -16,11 +16,11 @@ impl ObjectRule {
 
     /// Tells whether all fields that are set concern an object, and not the scene around it.
     fn is_of_an_object(&self) -> bool {
-        let BakeOverrides { scope, objects, object_rules, whole, shared_atlas, source, existing_lods, .. } =
-            &self.settings;
+        let BakeOverrides { scope, objects, object_rules, .. } = &self.settings;
+        let BakeOverrides { whole, shared_atlas, source, existing_lods, texture_compression, .. } = &self.settings;
         let divides = scope.is_some() || objects.is_some() || object_rules.is_some();
-        let is_of_all = whole.is_some() || shared_atlas.is_some() || source.is_some() || existing_lods.is_some();
-        !divides && !is_of_all
+        let is_of_levels = whole.is_some() || shared_atlas.is_some() || existing_lods.is_some();
+        !divides && !is_of_levels && source.is_none() && texture_compression.is_none()
     }
 }
 
@@ -28,7 +28,7 @@ impl Value for Vec<ObjectRule> {
     fn accepts(_: Limit) -> String {
         format!(
             "at most {MOST} of (node: \"glob\", settings: (..)), without scope, objects, object_rules, whole, \
-             shared_atlas, source and existing_lods"
+             shared_atlas, source, existing_lods and texture_compression"
         )
     }
 

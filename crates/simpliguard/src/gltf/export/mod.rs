@@ -42,6 +42,8 @@ use crate::data::{Level, Model};
 use crate::{Cancellation, Error};
 
 pub(crate) use self::combined::export_in;
+pub(super) use self::embed::embed;
+pub(super) use self::fault::fault;
 pub use self::params::ExportParams;
 pub use self::single::export_level;
 

@@ -7,8 +7,6 @@
 use std::collections::BTreeSet;
 
 use bytes::Bytes;
-use image::codecs::png::{CompressionType, FilterType, PngEncoder};
-use image::{ExtendedColorType, ImageEncoder, RgbaImage};
 use rayon::prelude::*;
 use serde_json::{Value, json};
 
@@ -17,15 +15,13 @@ use super::extensions;
 use super::images::LONGEST_SIDE;
 use super::ktx2::Ktx2;
 use super::resources::{SourceImage, mime_of};
-use super::rewrite::{Rewrite, ViewUse};
 use super::schema::Root;
 use crate::Error;
+use crate::gltf::png::png;
+use crate::gltf::rewrite::{Rewrite, ViewUse};
 
 const NAME: &str = "KHR_texture_basisu";
 const WEBP: &str = "EXT_texture_webp";
-
-/// Deflate level of the PNGs, as for those of the levels.
-const PNG_LEVEL: u8 = 3;
 
 /// A decoded image of the file.
 pub(super) struct Decoded {
@@ -79,19 +75,6 @@ fn ktx2_bytes(reader: Reader<'_>, images: &[SourceImage], image: usize) -> Optio
         SourceImage::Failed { .. } | SourceImage::Undecodable { .. } => return None,
     };
     (mime_of(&bytes) == Some("image/ktx2")).then_some((image, view, bytes))
-}
-
-/// The PNG of an image, without its alpha channel if that shows nothing.
-fn png(image: &RgbaImage) -> Result<Vec<u8>, String> {
-    let mut bytes = Vec::new();
-    let encoder = PngEncoder::new_with_quality(&mut bytes, CompressionType::Level(PNG_LEVEL), FilterType::Adaptive);
-    let written = if image.pixels().all(|texel| texel.0[3] == u8::MAX) {
-        let rgb: Vec<u8> = image.pixels().flat_map(|texel| [texel.0[0], texel.0[1], texel.0[2]]).collect();
-        encoder.write_image(&rgb, image.width(), image.height(), ExtendedColorType::Rgb8)
-    } else {
-        encoder.write_image(image, image.width(), image.height(), ExtendedColorType::Rgba8)
-    };
-    written.map(|()| bytes).map_err(|error| format!("it cannot be written as PNG: {error}"))
 }
 
 /// Puts the PNGs in place of the KTX2 images.

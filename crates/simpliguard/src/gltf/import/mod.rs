@@ -18,6 +18,7 @@
 mod accessor;
 mod asset;
 mod basisu;
+mod blocks;
 mod clean;
 mod clips;
 mod container;
@@ -37,13 +38,14 @@ mod nodes;
 mod primitive;
 mod primitive_mesh;
 mod resources;
-mod rewrite;
 mod schema;
 mod skeleton;
 mod surface;
 
 #[cfg(test)]
 mod tests;
+
+use std::collections::BTreeMap;
 
 use bytes::Bytes;
 use serde_json::Value;
@@ -82,7 +84,7 @@ pub(crate) fn import_in(
 ) -> Result<Model, Error> {
     let memory = Memory::new(limits.memory);
     let asset = Asset { name: source.name, limits, cancellation, memory: &memory };
-    let Loaded { json, buffers, images, decoded } = load(asset, source)?;
+    let Loaded { json, buffers, images, decoded, block_bytes } = load(asset, source)?;
     let root = asset.schema(&json)?;
     let reader = Reader { asset, root: &root, buffers: &buffers };
 
@@ -125,7 +127,7 @@ pub(crate) fn import_in(
         materials: materials.materials,
         textures,
         rig: skeleton.rig,
-        document: Document { images, json, buffers, decoded, mesh_nodes, node_world: tree.world },
+        document: Document { images, json, buffers, decoded, block_bytes, mesh_nodes, node_world: tree.world },
         notes: notes.concat(),
     })
 }
@@ -143,7 +145,7 @@ pub(in crate::gltf) fn read_document(
     // Each object has as many triangles as a file may have.
     let limits = ImportLimits { triangles: u64::MAX, ..*limits };
     let asset = Asset { name: source.name, limits: &limits, cancellation, memory: &memory };
-    let Loaded { json, buffers, images, decoded } = load(asset, source)?;
+    let Loaded { json, buffers, images, decoded, block_bytes } = load(asset, source)?;
     let root = asset.schema(&json)?;
     let reader = Reader { asset, root: &root, buffers: &buffers };
     let tree = Tree::of(asset, &root)?;
@@ -151,7 +153,7 @@ pub(in crate::gltf) fn read_document(
     resources::check_complete(asset, &root, &buffers)?;
     drop(root);
     let images = images.into_iter().map(SourceImage::into_bytes).collect();
-    Ok(Document { images, json, buffers, decoded, mesh_nodes, node_world: tree.world })
+    Ok(Document { images, json, buffers, decoded, block_bytes, mesh_nodes, node_world: tree.world })
 }
 
 fn all_nodes(json: &Value) -> &[Value] {
@@ -165,10 +167,12 @@ struct Loaded {
     images: Vec<SourceImage>,
     /// True if the file has data that was decoded.
     decoded: bool,
+    /// Bytes on the GPU of the images that were in blocks.
+    block_bytes: BTreeMap<usize, u64>,
 }
 
-/// Reads the JSON and the files it refers to. Compressed buffer views, geometry and KTX2 images are decoded; the JSON
-/// then describes the decoded ones.
+/// Reads the JSON and the files it refers to. Compressed buffer views, geometry, KTX2 images and images in blocks are
+/// decoded; the JSON then describes the decoded ones.
 fn load(asset: Asset<'_>, source: &Source<'_>) -> Result<Loaded, Error> {
     let Container { mut json, bin } = container::parse(asset, source.bytes)?;
     let mut loader = Loader::new(asset, source);
@@ -181,7 +185,9 @@ fn load(asset: Asset<'_>, source: &Source<'_>) -> Result<Loaded, Error> {
         meshopt::decode(asset, &root, &mut buffers)?;
     }
     let geometry = draco::decode(asset, &root, &buffers)?;
-    let ktx2 = basisu::decode(Reader { asset, root: &root, buffers: &buffers }, &images)?;
+    let reader = Reader { asset, root: &root, buffers: &buffers };
+    let ktx2 = basisu::decode(reader, &images)?;
+    let in_blocks = blocks::decode(reader, &json)?;
     let has_draco = draco::is_required(&root) || !geometry.is_empty();
     let has_basisu = basisu::is_used(&root) || !ktx2.is_empty();
     drop(root);
@@ -196,7 +202,9 @@ fn load(asset: Asset<'_>, source: &Source<'_>) -> Result<Loaded, Error> {
         basisu::replace(&mut json, &mut buffers, &mut images, ktx2);
     }
     basisu::add_webp_sources(&mut json);
-    Ok(Loaded { json, buffers, images, decoded: has_meshopt || has_draco || has_basisu })
+    let block_bytes = blocks::replace(&mut json, &mut buffers, in_blocks);
+    let decoded = has_meshopt || has_draco || has_basisu || !block_bytes.is_empty();
+    Ok(Loaded { json, buffers, images, decoded, block_bytes })
 }
 
 /// Empties the second set of texture coordinates if no material uses it.

@@ -94,6 +94,7 @@ fn triangle_document() -> Document {
         buffers: vec![Bytes::from_static(&[7, 8, 9, 0, 0]), Bytes::from(second)],
         images: vec![Some((Bytes::from(png.into_inner()), "image/png"))],
         decoded: false,
+        block_bytes: Default::default(),
         mesh_nodes: vec![0],
         node_world: vec![Mat4::IDENTITY; 2],
     }
@@ -163,6 +164,7 @@ fn two_bones(source_skin: Option<usize>) -> Model {
         buffers: vec![Bytes::from(bin)],
         images: Vec::new(),
         decoded: false,
+        block_bytes: Default::default(),
         mesh_nodes: vec![3],
         node_world: vec![Mat4::IDENTITY; 4],
     };

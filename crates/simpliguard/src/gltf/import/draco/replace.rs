@@ -8,7 +8,7 @@ use serde_json::{Value, json};
 use super::decode::{Decoded, NAME, TRIANGLE_STRIP, TRIANGLES};
 use super::geometry::{Attribute, Geometry};
 use crate::gltf::import::extensions;
-use crate::gltf::import::rewrite::{Rewrite, ViewUse};
+use crate::gltf::rewrite::{Rewrite, ViewUse};
 
 /// The most vertices that indices of 16 bits can count: the last number restarts a primitive.
 const MAX_U16_VERTICES: usize = u16::MAX as usize;

@@ -12,8 +12,8 @@ use serde_json::{Value, json};
 const ALIGNMENT: usize = 8;
 
 /// A document under edit. [`Self::finish`] must be called.
-pub(super) struct Rewrite<'a> {
-    pub(super) json: &'a mut Value,
+pub(in crate::gltf) struct Rewrite<'a> {
+    pub(in crate::gltf) json: &'a mut Value,
     buffers: &'a mut Vec<Bytes>,
     /// The new buffer.
     bin: Vec<u8>,
@@ -25,7 +25,7 @@ pub(super) struct Rewrite<'a> {
 
 /// The use of a view of decoded bytes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum ViewUse {
+pub(in crate::gltf) enum ViewUse {
     /// Vertices, with the bytes from one to the next.
     Vertices {
         stride: usize,
@@ -36,12 +36,12 @@ pub(super) enum ViewUse {
 
 impl<'a> Rewrite<'a> {
     /// Begins edits of `json`, whose `buffers` have one entry each.
-    pub(super) fn new(json: &'a mut Value, buffers: &'a mut Vec<Bytes>) -> Self {
+    pub(in crate::gltf) fn new(json: &'a mut Value, buffers: &'a mut Vec<Bytes>) -> Self {
         Self { json, buffers, bin: Vec::new(), replaced: BTreeSet::new(), touched: BTreeSet::new() }
     }
 
     /// The objects of a top-level list.
-    pub(super) fn list(&mut self, name: &str) -> &mut Vec<Value> {
+    pub(in crate::gltf) fn list(&mut self, name: &str) -> &mut Vec<Value> {
         let slot = &mut self.json[name];
         if !slot.is_array() {
             *slot = json!([]);
@@ -50,7 +50,7 @@ impl<'a> Rewrite<'a> {
     }
 
     /// Adds a view of `bytes`; returns its index.
-    pub(super) fn push_view(&mut self, bytes: &[u8], view_use: ViewUse) -> usize {
+    pub(in crate::gltf) fn push_view(&mut self, bytes: &[u8], view_use: ViewUse) -> usize {
         let view = self.view(bytes, view_use);
         let views = self.list("bufferViews");
         views.push(view);
@@ -59,7 +59,7 @@ impl<'a> Rewrite<'a> {
 
     /// Lets view `index`, whose bytes were decoded, show `bytes`. A view that already shows decoded bytes keeps them,
     /// and a new one is added. Returns the index of the view that shows `bytes`.
-    pub(super) fn replace_view(&mut self, index: usize, bytes: &[u8], view_use: ViewUse) -> usize {
+    pub(in crate::gltf) fn replace_view(&mut self, index: usize, bytes: &[u8], view_use: ViewUse) -> usize {
         if !self.replaced.insert(index) {
             return self.push_view(bytes, view_use);
         }
@@ -87,7 +87,7 @@ impl<'a> Rewrite<'a> {
     }
 
     /// Cuts unused bytes out of the old buffers and adds the new one.
-    pub(super) fn finish(mut self) {
+    pub(in crate::gltf) fn finish(mut self) {
         for buffer in std::mem::take(&mut self.touched) {
             self.cut_unused(buffer);
         }
