@@ -43,7 +43,7 @@ fn the_whole_picture_and_each_kind_of_object_are_compared() {
     // What has no levels is shown as it is, and each ball at its place.
     assert_eq!([faces(1), faces(2)], [2.0 * faces(3) + 48.0, 2.0 * faces(4) + 48.0]);
     assert!(number(2, "/distances/hausdorff") < 0.05 && number(4, "/distances/hausdorff") < 0.1, "{found}");
-    assert!(number(3, "/unlit/psnr") < number(4, "/unlit/psnr"), "{found}");
+    assert!(number(3, "/lit/psnr") < number(4, "/lit/psnr"), "{found}");
     // The output keeps its source, so it can be compared with itself.
     assert_eq!(compare(&["lods/scene.glb"])["levels"][4]["unlit"], rows[4]["unlit"]);
     assert_eq!(names(&compare(&["scene.glb", "lods/scene.glb", "--objects", "0"])["levels"]), NAMES);

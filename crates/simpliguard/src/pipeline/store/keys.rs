@@ -315,7 +315,7 @@ mod tests {
         ];
         assert_eq!(
             (PIPELINE_VERSION, keys.map(|key| key.hex()[..16].to_owned())),
-            ("16", ["18fce0ba142ad68f", "125723ef45a3d428"].map(str::to_owned))
+            ("18", ["a9c61d76201b62c6", "7e924f600f5e44d3"].map(str::to_owned))
         );
     }
 }

@@ -1,5 +1,7 @@
 //! The places of tiles whose sides are powers of two.
 
+use super::tile::LEAST_SIDE;
+
 /// The place of a tile.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Place {
@@ -44,7 +46,7 @@ impl Layout {
 
 /// The side of a tile after some halvings.
 fn halved(side: u32, halvings: u32) -> u32 {
-    side.checked_shr(halvings).unwrap_or(0).max(side.min(super::LEAST_SIDE))
+    side.checked_shr(halvings).unwrap_or(0).max(side.min(LEAST_SIDE))
 }
 
 /// The bits of even places, moved together.
