@@ -14,7 +14,7 @@ use simpliguard::geometry::{BoundingSphere, Bvh};
 use simpliguard::refine::{LowPoly, RefineParams, Solver, TexelGrid, TextureFit, ViewTarget, fit_texture, refine};
 use simpliguard::render::{Sampling, SurfaceSample, SurfaceSampler, View, take_views, viewpoints};
 use simpliguard::settings::BakeSettings;
-use simpliguard::texture::{BakeTarget, Baker, Channels, TexelMap, level_mesh, pbr_maps};
+use simpliguard::texture::{BakeTarget, Baker, Channels, TexelMap, corner_normals, level_mesh, pbr_maps, tangents};
 use simpliguard::unwrap::{UnwrapParams, unwrap};
 use simpliguard::{Cancellation, Context, NoResources, Params, Source, bake, gltf, simplify};
 
@@ -74,7 +74,14 @@ fn views(source: &Model) -> Vec<View> {
 impl Scene {
     fn samples(&self) -> Vec<Option<SurfaceSample>> {
         let sampler = SurfaceSampler::new(&self.source);
-        let target = BakeTarget { mesh: &self.level, atlas: &self.atlas, texels: &self.texels, cards: None };
+        let target = BakeTarget {
+            mesh: &self.level,
+            atlas: &self.atlas,
+            texels: &self.texels,
+            cards: None,
+            keeps_area: false,
+            shows_nearest: false,
+        };
         let baker = Baker { sampler: &sampler, bvh: &self.bvh, bounding_sphere: self.sphere };
         baker.bake(&target, &Cancellation::default())
     }
@@ -126,7 +133,9 @@ fn move_vertices(bencher: Bencher<'_, '_>) {
 #[divan::bench(sample_count = 5)]
 fn make_maps(bencher: Bencher<'_, '_>) {
     let Scene { level, atlas, texels, .. } = &*SCENE;
-    let (samples, mesh) = (SCENE.samples(), level_mesh(level, atlas, &[], &[], true));
+    let samples = SCENE.samples();
+    let mut mesh = level_mesh(level, atlas, &corner_normals(level, atlas, texels, &samples), &[], &[]);
+    mesh.tangents = tangents(&mesh);
     let colors = vec![Vec4::ONE; samples.len()];
     let channels = Channels { normal: true, ..Channels::default() };
     bencher.bench_local(|| pbr_maps(&mesh, texels, black_box(&samples), &colors, channels));

@@ -58,15 +58,19 @@ impl TriMesh {
     pub fn vertex_normals(&self) -> Vec<Vec3> {
         let mut normals = vec![Vec3::ZERO; self.positions.len()];
         for (t, triangle) in self.triangles.iter().enumerate() {
-            let normal = self.area_vector(t).normalize_or_zero();
-            let corners = self.corners(t);
             for k in 0..3 {
-                let ab = (corners[(k + 1) % 3] - corners[k]).normalize_or_zero();
-                let ac = (corners[(k + 2) % 3] - corners[k]).normalize_or_zero();
-                normals[triangle[k] as usize] += normal * libm::acosf(ab.dot(ac).clamp(-1.0, 1.0));
+                normals[triangle[k] as usize] += self.corner_normal(t, k);
             }
         }
         normals.into_iter().map(|n| n.normalize_or(Vec3::Y)).collect()
+    }
+
+    /// Unit normal of face `t` times its angle at corner `k`, in radians.
+    pub fn corner_normal(&self, t: usize, k: usize) -> Vec3 {
+        let corners = self.corners(t);
+        let ab = (corners[(k + 1) % 3] - corners[k]).normalize_or_zero();
+        let ac = (corners[(k + 2) % 3] - corners[k]).normalize_or_zero();
+        self.area_vector(t).normalize_or_zero() * libm::acosf(ab.dot(ac).clamp(-1.0, 1.0))
     }
 
     /// Lower and upper corner of the bounding box; both zero for an empty mesh.

@@ -66,6 +66,11 @@ impl Influences {
         Self { joints: [joint, 0, 0, 0], weights: [1.0, 0.0, 0.0, 0.0] }
     }
 
+    /// The bone that alone holds the vertex, if one does.
+    pub fn rigid_joint(&self) -> Option<u16> {
+        (self.weights[0] > 1.0 - SUM_TOLERANCE).then_some(self.joints[0])
+    }
+
     /// Checks that the weights lie in 0 to 1, descend and sum to one within 1e-3, and that unused slots are zero.
     ///
     /// # Errors
@@ -95,6 +100,12 @@ mod tests {
     fn sound_influences_pass() {
         assert_eq!(Influences::rigid(7).validate(), Ok(()));
         assert_eq!(Influences { joints: [3, 1, 0, 0], weights: [0.7, 0.3, 0.0, 0.0] }.validate(), Ok(()));
+    }
+
+    #[test]
+    fn a_vertex_is_rigid_if_one_bone_holds_it_alone() {
+        assert_eq!(Influences::rigid(7).rigid_joint(), Some(7));
+        assert_eq!(Influences { joints: [3, 1, 0, 0], weights: [0.7, 0.3, 0.0, 0.0] }.rigid_joint(), None);
     }
 
     #[test]

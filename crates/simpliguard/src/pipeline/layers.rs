@@ -1,4 +1,5 @@
-//! The layers of a source: the solid surface, and clear surfaces over it. Each is made, textured and fitted on its own.
+//! The layers of a source: the solid surface, clear surfaces over it, and lattices. Each is made, textured and fitted on its
+//! own.
 
 use std::borrow::Cow;
 
@@ -6,6 +7,7 @@ use rayon::prelude::*;
 
 use crate::data::{AlphaMode, Material, Model};
 use crate::render::{Opacity, SurfaceSampler, alpha_range};
+use crate::simplify::{Lattice, find_lattices};
 
 /// Largest alpha of a triangle that shows nothing.
 const INVISIBLE: f32 = 3.0 / 255.0;
@@ -13,6 +15,17 @@ const INVISIBLE: f32 = 3.0 / 255.0;
 const HIDING: f32 = 0.98;
 /// The threshold for a cut-out whose material has none.
 const CUTOFF: f32 = 0.5;
+/// Fewest triangles that lattices leave to the solid layer.
+const FEWEST_SOLID: usize = 100;
+
+/// What a layer beside the solid one consists of.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) enum LayerKind {
+    /// Flat things of many bars; with the lattice of each triangle.
+    Lattices(Vec<u32>),
+    /// Blended triangles, or triangles that transmit light.
+    Clear,
+}
 
 /// A source, divided by what shows through its surfaces.
 pub(super) struct SourceLayers<'a> {
@@ -21,33 +34,46 @@ pub(super) struct SourceLayers<'a> {
     pub(super) solid: Cow<'a, Model>,
     /// False if the whole source is clear.
     pub(super) has_solid: bool,
-    /// Blended triangles, and triangles that transmit light: a model of each, unless it is empty.
-    pub(super) clear: Vec<Model>,
+    /// The other layers: a model of each that is not empty.
+    pub(super) extra: Vec<(LayerKind, Model)>,
 }
 
 impl<'a> SourceLayers<'a> {
-    /// Divides a source. Blended materials whose alpha is low or high nearly everywhere are cut-outs, and those of full
+    /// Divides a source; `lattices` have a layer of their own. Blended materials whose alpha is low or high nearly everywhere are cut-outs, and those of full
     /// alpha are opaque. Blended triangles that show nothing are left out.
-    pub(super) fn divide(model: &'a Model) -> Self {
-        let may_be_clear = |m: &Material| m.alpha_mode == AlphaMode::Blend || m.transmission.is_some();
-        let whole = || Self { solid: Cow::Borrowed(model), has_solid: true, clear: Vec::new() };
-        if !model.materials.iter().any(may_be_clear) {
+    pub(super) fn divide(model: &'a Model, lattices: &[Lattice]) -> Self {
+        let whole = || Self { solid: Cow::Borrowed(model), has_solid: true, extra: Vec::new() };
+        if lattices.is_empty() && !may_be_clear(model) {
             return whole();
         }
-        let division = Division::of(model);
-        let [solid, blended, transmitting] = [Layer::Solid, Layer::Blended, Layer::Transmitting].map(|layer| {
-            let triangles = division.layer.iter().zip(0..).filter(|(of, _)| **of == layer).map(|(_, t)| t).collect();
-            Some(triangles).filter(|triangles: &Vec<u32>| !triangles.is_empty())
-        });
+        let mut division = Division::of(model);
+        let lattice = division.divide_lattices(lattices);
+        let [solid, blended, transmitting] =
+            [Layer::Solid, Layer::Blended, Layer::Transmitting].map(|layer| division.triangles(layer));
         let (solid, transmitting) = if solid.is_some() { (solid, transmitting) } else { (transmitting, None) };
-        let clear: Vec<Model> =
-            [blended, transmitting].iter().flatten().map(|triangles| division.model(triangles)).collect();
+        let lattices = division.triangles(Layer::Lattice).map(|triangles| {
+            let kind = LayerKind::Lattices(triangles.iter().map(|t| lattice[*t as usize]).collect());
+            (kind, division.model(&triangles))
+        });
+        let clear = [blended, transmitting].into_iter().flatten();
+        let clear = clear.map(|triangles| (LayerKind::Clear, division.model(&triangles)));
+        let extra: Vec<_> = lattices.into_iter().chain(clear).collect();
         match solid {
-            Some(solid) => Self { solid: Cow::Owned(division.model(&solid)), has_solid: true, clear },
-            None if clear.is_empty() => whole(),
-            None => Self { has_solid: false, clear, ..whole() },
+            Some(solid) => Self { solid: Cow::Owned(division.model(&solid)), has_solid: true, extra },
+            None if extra.is_empty() => whole(),
+            None => Self { has_solid: false, extra, ..whole() },
         }
     }
+}
+
+/// The lattices of a source, at most `most`.
+pub(super) fn lattices(model: &Model, most: usize) -> Vec<Lattice> {
+    Division::of(model).lattices(most)
+}
+
+/// A material lets light through, or seems to.
+fn may_be_clear(model: &Model) -> bool {
+    model.materials.iter().any(|m| m.alpha_mode == AlphaMode::Blend || m.transmission.is_some())
 }
 
 /// The layer of a triangle.
@@ -56,6 +82,7 @@ enum Layer {
     Solid,
     Blended,
     Transmitting,
+    Lattice,
     Invisible,
 }
 
@@ -69,12 +96,15 @@ struct Division<'a> {
 
 impl<'a> Division<'a> {
     fn of(source: &'a Model) -> Self {
-        let sampler = SurfaceSampler::new(source);
         let material = source.surface.material.clone();
-        let mut triangles = vec![Vec::new(); source.materials.len()];
-        material.iter().zip(0..).for_each(|(&m, t)| triangles[m as usize].push(t));
         let layer = vec![Layer::Solid; material.len()];
         let mut out = Self { source, layer, material, materials: source.materials.clone() };
+        if !may_be_clear(source) {
+            return out;
+        }
+        let sampler = SurfaceSampler::new(source);
+        let mut triangles = vec![Vec::new(); source.materials.len()];
+        out.material.iter().zip(0..).for_each(|(&m, t)| triangles[m as usize].push(t));
         for (m, triangles) in triangles.iter().enumerate() {
             if source.materials[m].alpha_mode == AlphaMode::Blend {
                 match Opacity::of(&sampler, triangles) {
@@ -106,6 +136,33 @@ impl<'a> Division<'a> {
             };
         }
         self.materials.push(opaque);
+    }
+
+    /// The lattices of the solid layer, at most `most`; none if little would be left of it without them.
+    fn lattices(&self, most: usize) -> Vec<Lattice> {
+        let is_opaque = |t: u32| {
+            let material = &self.materials[self.material[t as usize] as usize];
+            self.layer[t as usize] == Layer::Solid && material.alpha_mode == AlphaMode::Opaque
+        };
+        let lattices = find_lattices(&self.source.surface, &is_opaque, most);
+        let solid = self.layer.iter().filter(|layer| **layer == Layer::Solid).count();
+        let rest = solid - lattices.iter().map(|lattice| lattice.triangles.len()).sum::<usize>();
+        if rest < FEWEST_SOLID { Vec::new() } else { lattices }
+    }
+
+    /// Moves lattices of the solid layer to their own. Returns the lattice of each triangle.
+    fn divide_lattices(&mut self, lattices: &[Lattice]) -> Vec<u32> {
+        let mut lattice = vec![u32::MAX; self.layer.len()];
+        for (Lattice { triangles, .. }, i) in lattices.iter().zip(0..) {
+            triangles.iter().for_each(|&t| (self.layer[t as usize], lattice[t as usize]) = (Layer::Lattice, i));
+        }
+        lattice
+    }
+
+    /// The triangles of a layer, if it has any.
+    fn triangles(&self, layer: Layer) -> Option<Vec<u32>> {
+        let triangles: Vec<u32> = self.layer.iter().zip(0..).filter(|(of, _)| **of == layer).map(|(_, t)| t).collect();
+        (!triangles.is_empty()).then_some(triangles)
     }
 
     /// The source with only these triangles.
@@ -155,12 +212,12 @@ mod tests {
     /// The distances along z of the triangles in the solid and in each clear layer.
     fn layers(materials: Vec<Material>) -> (bool, Vec<f32>, Vec<Vec<f32>>) {
         let model = model(materials);
-        let layers = SourceLayers::divide(&model);
+        let layers = SourceLayers::divide(&model, &[]);
         let depths = |model: &Model| {
             let surface = &model.surface;
             surface.triangles.iter().map(|t| surface.positions[t[0] as usize].z).collect::<Vec<f32>>()
         };
-        (layers.has_solid, depths(&layers.solid), layers.clear.iter().map(depths).collect())
+        (layers.has_solid, depths(&layers.solid), layers.extra.iter().map(|(_, model)| depths(model)).collect())
     }
 
     #[test]
@@ -187,6 +244,6 @@ mod tests {
     #[test]
     fn an_opaque_source_is_not_copied() {
         let model = model(vec![paint(1.0, AlphaMode::Opaque)]);
-        assert!(matches!(SourceLayers::divide(&model).solid, Cow::Borrowed(_)));
+        assert!(matches!(SourceLayers::divide(&model, &[]).solid, Cow::Borrowed(_)));
     }
 }

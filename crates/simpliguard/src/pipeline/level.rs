@@ -103,10 +103,11 @@ impl Levels<'_> {
 impl Levels<'_> {
     /// How large the level with index `i` comes into view, if it is made from a shape.
     fn view(&self, i: usize, shape: &Shape) -> LevelView {
-        let clear = self.shapes.clear.of(self.shapes.solid.levels[i].0).map(|(_, shape)| shape.mesh.area());
+        let extra = || self.shapes.extra.of(self.shapes.solid.levels[i].0).map(|(_, shape)| shape);
         let diagonal = self.source.deviation_metric.diagonal();
-        let area = (shape.mesh.area() + clear.sum::<f32>()) / (diagonal * diagonal);
-        LevelView::new(self.first + i, shape.cards.is_some(), (area, shape.deviation.percentile_95))
+        let area = (shape.mesh.area() + extra().map(|shape| shape.mesh.area()).sum::<f32>()) / (diagonal * diagonal);
+        let has_cards = shape.cards.is_some() || extra().any(|shape| shape.cards.is_some());
+        LevelView::new(self.first + i, has_cards, (area, shape.deviation.percentile_95))
     }
 }
 
@@ -138,7 +139,7 @@ struct Vertices {
 
 impl LevelTask<'_> {
     fn make(&self) -> Result<(Level, LevelReport), Error> {
-        let (atlas, clear_atlas) = self.unwrap()?;
+        let (atlas, extra_atlas) = self.unwrap()?;
         let influences = self.skin()?;
         self.run.validate(StageId::Skinning, || influences.iter().try_for_each(Influences::validate));
         let vertices = match self.initial_texture(&atlas, &influences)? {
@@ -147,12 +148,12 @@ impl LevelTask<'_> {
         };
         self.run.validate(StageId::Refine, || Topology::validate_manifold(&vertices.low.mesh()));
         let (vertices, atlas) = self.split_at_joints(vertices, atlas);
-        let (level, report) = self.finish(vertices, &atlas, &clear_atlas)?;
+        let (level, report) = self.finish(vertices, &atlas, &extra_atlas)?;
         self.run.validate(StageId::Maps, || level.validate());
         Ok((level, report))
     }
 
-    /// Charts and texture coordinates, denser where more is seen: those of the solid layer, and those of the clear layers.
+    /// Charts and texture coordinates, denser where more is seen: those of the solid layer, and those of the others.
     fn unwrap(&self) -> Result<(Atlas, Atlas), Error> {
         let Self { shape, run, .. } = self;
         let (params, cancellation) = (&self.params.unwrap, run.cancellation());
@@ -162,9 +163,9 @@ impl LevelTask<'_> {
             };
             let mut mesh = shape.mesh.clone();
             let mut densities = density(&mesh, &self.all.source.index.sphere, shape.double_sided);
-            for (layer, clear) in self.clear() {
-                mesh.append(&clear.mesh);
-                densities.extend(density(&clear.mesh, &layer.source.index.sphere, clear.double_sided));
+            for (layer, extra) in self.extra() {
+                mesh.append(&extra.mesh);
+                densities.extend(density(&extra.mesh, &layer.source.index.sphere, extra.double_sided));
             }
             let key = run.key(|| atlas_key(&mesh, &densities, params));
             let atlas = run.get_or_put(key, || Ok(unwrap(&mesh, Some(&densities), params, cancellation)))?;
@@ -285,12 +286,12 @@ impl LevelTask<'_> {
     }
 
     /// The level and its report, once its vertices are final.
-    fn finish(&self, vertices: Vertices, atlas: &Atlas, clear_atlas: &Atlas) -> Result<(Level, LevelReport), Error> {
+    fn finish(&self, vertices: Vertices, atlas: &Atlas, extra_atlas: &Atlas) -> Result<(Level, LevelReport), Error> {
         self.run.run(StageId::Maps, || {
             let texture = self.texture(atlas, self.params.unwrap.size as usize);
             let finished = self.final_texture(vertices, atlas, &texture)?;
             let mut whole = WholeLevel::of_solid(self, finished, atlas, texture.texels);
-            whole.add_clear_layers(self, clear_atlas);
+            whole.add_extra_layers(self, extra_atlas);
             self.run.check()?;
             Ok(whole.finish(self))
         })?

@@ -1,6 +1,7 @@
 //! Makes the levels of a source for targets.
 
-use super::clear::ClearLayers;
+use super::extra_layers::ExtraLayers;
+use super::layers::LayerKind;
 use super::level_task::{LayerShapes, Levels};
 use super::likeness::SourcePictures;
 use super::params::Params;
@@ -18,8 +19,8 @@ use crate::{Error, Key};
 /// Everything that levels are made from.
 pub(super) struct LevelMaker<'a> {
     pub(super) source: &'a PreparedSource<'a>,
-    /// The index of each clear layer.
-    pub(super) clear: &'a [SourceIndex<'a>],
+    /// The layers beside the solid one, with the index of each.
+    pub(super) extra: &'a [(LayerKind, SourceIndex<'a>)],
     /// False if the whole source is clear.
     pub(super) has_solid: bool,
     pub(super) views: Views<'a>,
@@ -60,14 +61,14 @@ impl LevelMaker<'_> {
 
     /// Makes levels, of which the first has the index `first`.
     fn make_from(&mut self, first: usize, targets: &Targets, run: &Runner<'_>) -> Result<Made, Error> {
-        let Self { source, clear, has_solid, content, params, .. } = *self;
-        let clear = ClearLayers::find(clear, (source.index, has_solid), params, targets, run)?;
+        let Self { source, extra, has_solid, content, params, .. } = *self;
+        let extra = ExtraLayers::find(extra, (source.index, has_solid), params, targets, run)?;
         // Reconstruct and simplify.
-        let shapes = match clear.is_alone {
-            false => shapes::find(source, &mut self.views, params, (targets, clear.solid_budgets(), content), run)?,
-            true => Shapes::empty(source, &clear, targets),
+        let shapes = match extra.is_alone {
+            false => shapes::find(source, &mut self.views, params, (targets, extra.solid_budgets(), content), run)?,
+            true => Shapes::empty(source, &extra, targets),
         };
-        let shapes = LayerShapes { solid: &shapes, clear: &clear };
+        let shapes = LayerShapes { solid: &shapes, extra: &extra };
         preview::show(source, &self.views, params, shapes, run)?;
         self.views.complete(shapes.solid.need_half_resolution, params, run);
         let (index, views) = (source.index, &params.views);

@@ -1,13 +1,13 @@
 //! What a level is made of and from.
 
-use super::clear::{ClearLayer, ClearLayers};
+use super::extra_layers::{ExtraLayer, ExtraLayers};
 use super::likeness::SourcePictures;
 use super::params::{LevelParams, Params};
 use super::runner::Runner;
 use super::shapes::Shapes;
 use super::source::PreparedSource;
 use super::views::Views;
-use crate::simplify::{ClearShape, Shape};
+use crate::simplify::{LayerShape, Shape};
 
 /// Everything that the levels of a bake share.
 #[derive(Clone, Copy)]
@@ -29,13 +29,13 @@ pub(super) struct Levels<'a> {
 #[derive(Clone, Copy)]
 pub(super) struct LayerShapes<'a> {
     pub(super) solid: &'a Shapes,
-    pub(super) clear: &'a ClearLayers<'a>,
+    pub(super) extra: &'a ExtraLayers<'a>,
 }
 
 impl LayerShapes<'_> {
     /// What the shapes do not meet or leave out, in words.
     pub(super) fn notes(&self) -> Vec<String> {
-        self.solid.unmet.iter().cloned().chain(self.clear.notes()).collect()
+        self.solid.unmet.iter().cloned().chain(self.extra.notes()).collect()
     }
 }
 
@@ -54,8 +54,8 @@ pub(super) struct LevelTask<'a> {
 }
 
 impl<'a> LevelTask<'a> {
-    /// The clear layers of the level.
-    pub(super) fn clear(&self) -> impl Iterator<Item = (&'a ClearLayer<'a>, &'a ClearShape)> {
-        self.all.shapes.clear.of(self.budget)
+    /// The layers of the level beside the solid one.
+    pub(super) fn extra(&self) -> impl Iterator<Item = (&'a ExtraLayer<'a>, &'a LayerShape)> {
+        self.all.shapes.extra.of(self.budget)
     }
 }

@@ -1,8 +1,8 @@
-//! The whole of a level: its solid layer and its clear layers in one mesh, with one atlas and one set of textures.
+//! The whole of a level: its solid layer and those beside it in one mesh, with one atlas and one set of textures.
 
 use glam::Vec4;
 
-use super::clear::{ClearLayer, transmission};
+use super::extra_layers::{ExtraLayer, transmission};
 use super::level_task::LevelTask;
 use super::likeness::SourcePictures;
 use super::report::{ClearReport, LevelReport, LevelTopology, Likeness};
@@ -11,7 +11,7 @@ use crate::data::{
 };
 use crate::refine::{LowPoly, Refined};
 use crate::render::{SurfaceSample, fill_unknown};
-use crate::simplify::ClearShape;
+use crate::simplify::LayerShape;
 use crate::skinning::{self, SkinSource};
 use crate::texture::{self, BakeTarget, Channels, TexelMap};
 
@@ -42,6 +42,8 @@ pub(super) struct WholeLevel {
     colors: Vec<Vec4>,
     layers: Vec<Layer>,
     clear: Vec<ClearReport>,
+    /// Cards that stand for lattices.
+    lattices: u32,
     /// Faces of the solid layer.
     solid_faces: usize,
     refined: Option<Refined>,
@@ -79,19 +81,20 @@ impl WholeLevel {
             colors: low.texture.texels,
             layers: if mesh.triangles.is_empty() { Vec::new() } else { vec![layer] },
             clear: Vec::new(),
+            lattices: 0,
             solid_faces: mesh.triangles.len(),
             mesh,
             refined,
         }
     }
 
-    /// Adds the clear layers, whose texture coordinates are in `atlas`.
-    pub(super) fn add_clear_layers(&mut self, task: &LevelTask<'_>, atlas: &Atlas) {
+    /// Adds the layers beside the solid one, whose texture coordinates are in `atlas`.
+    pub(super) fn add_extra_layers(&mut self, task: &LevelTask<'_>, atlas: &Atlas) {
         let mut first = 0;
-        for (layer, shape) in task.clear() {
+        for (layer, shape) in task.extra() {
             let faces = first..first + shape.mesh.triangles.len();
             first = faces.end;
-            self.add_clear(task, (layer, shape), &atlas.part(faces));
+            self.add_layer(task, (layer, shape), &atlas.part(faces));
         }
         if first > 0 {
             self.texels = TexelMap::new(&self.atlas, self.texels.size);
@@ -100,18 +103,19 @@ impl WholeLevel {
         }
     }
 
-    fn add_clear(&mut self, task: &LevelTask<'_>, (layer, shape): (&ClearLayer<'_>, &ClearShape), atlas: &Atlas) {
+    fn add_layer(&mut self, task: &LevelTask<'_>, (layer, shape): (&ExtraLayer<'_>, &LayerShape), atlas: &Atlas) {
         let (source, mesh) = (&layer.source, &shape.mesh);
         let index = source.index;
         let baker = index.baker();
         let texels = TexelMap::new(atlas, self.texels.size);
-        let samples = baker.bake(&BakeTarget { mesh, atlas, texels: &texels, cards: None }, task.run.cancellation());
-        let known: Vec<f32> = samples.iter().flatten().map(|s| s.color.w).collect();
-        self.clear.push(ClearReport {
-            faces: mesh.triangles.len() as u32,
-            alpha: known.iter().sum::<f32>() / known.len().max(1) as f32,
-            transmits: layer.transmission.is_some(),
-        });
+        let cards = shape.cards.as_ref();
+        let shows_nearest = cards.is_none();
+        let target = BakeTarget { mesh, atlas, texels: &texels, cards, keeps_area: false, shows_nearest };
+        let samples = baker.bake(&target, task.run.cancellation());
+        match &shape.cards {
+            Some(cards) => self.lattices += cards.reach.len() as u32,
+            None => self.clear.push(clear_report(layer, mesh, &samples)),
+        }
         for (i, sample) in samples.into_iter().enumerate().filter(|(_, sample)| sample.is_some()) {
             self.colors[i] = sample.map_or(Vec4::ZERO, |s| s.color.truncate().map(linear_to_srgb).extend(1.0));
             self.samples[i] = sample;
@@ -125,9 +129,9 @@ impl WholeLevel {
         });
         let poses = index.poses.as_ref().filter(|_| !task.run.cancellation().is_cancelled());
         self.influences.extend(skinning::skin(&source.skin_source, poses, mesh, &task.params.skinning));
-        for (morph, clear) in self.morphs.iter_mut().zip(morphs(task, &source.skin_source, mesh)) {
-            morph.positions.extend(clear.positions);
-            morph.normals.extend(clear.normals);
+        for (morph, extra) in self.morphs.iter_mut().zip(morphs(task, &source.skin_source, mesh)) {
+            morph.positions.extend(extra.positions);
+            morph.normals.extend(extra.normals);
         }
         self.mesh.append(mesh);
         self.atlas.uvs.extend_from_slice(&atlas.uvs);
@@ -166,6 +170,7 @@ impl WholeLevel {
             stretch: self.atlas.stretch,
             worst_stretch: self.atlas.worst_stretch,
             clear: self.clear.clone(),
+            lattices: self.lattices,
             refined: self.refined,
             likeness: None,
             warning: None,
@@ -181,7 +186,11 @@ impl WholeLevel {
             alpha: self.layers.iter().any(|layer| layer.alpha_mode != AlphaMode::Opaque),
             format: params.maps.format,
         };
-        let mesh = texture::level_mesh(&self.mesh, &self.atlas, &self.influences, &self.morphs, channels.normal);
+        let normals = texture::corner_normals(&self.mesh, &self.atlas, &self.texels, &self.samples);
+        let mut mesh = texture::level_mesh(&self.mesh, &self.atlas, &normals, &self.influences, &self.morphs);
+        if channels.normal {
+            mesh.tangents = texture::tangents(&mesh);
+        }
         let (textures, statistics) = texture::pbr_maps(&mesh, &self.texels, &self.samples, &self.colors, channels);
         let layer = |layer: Layer| {
             let Layer { faces, alpha_mode, double_sided, unlit, transmission } = layer;
@@ -191,6 +200,15 @@ impl WholeLevel {
         let layers = self.layers.into_iter().map(layer).collect();
         let own_joints = task.params.skinning.bone_faces > 0.0;
         Level { budget: task.budget, error, mesh, own_joints, layers, textures }
+    }
+}
+
+fn clear_report(layer: &ExtraLayer<'_>, mesh: &TriMesh, samples: &[Option<SurfaceSample>]) -> ClearReport {
+    let known: Vec<f32> = samples.iter().flatten().map(|s| s.color.w).collect();
+    ClearReport {
+        faces: mesh.triangles.len() as u32,
+        alpha: known.iter().sum::<f32>() / known.len().max(1) as f32,
+        transmits: layer.transmission.is_some(),
     }
 }
 

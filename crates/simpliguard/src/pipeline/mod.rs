@@ -2,12 +2,13 @@
 
 mod baked;
 mod bars;
-mod clear;
 mod clock;
 pub(crate) mod context;
 mod export;
+mod extra_layers;
 mod gate;
 mod import;
+mod lattices;
 mod layers;
 mod level;
 mod level_maker;
@@ -87,13 +88,13 @@ fn bake_whole(source: &Source<'_>, settings: &BakeSettings, context: &Context<'_
         Imported::ForLevels(model, targets) => (model, targets),
         Imported::PassesThrough(baked) => return Ok(baked),
     };
-    let layers = run.time(StageId::Import, || SourceLayers::divide(&model));
+    let layers = run.time(StageId::Import, || SourceLayers::divide(&model, &[]));
     let index = SourceIndex::new(source, (&model, &layers.solid), &params.views, &run)?;
     let prepared = PreparedSource::new(&index, &params, &run)?;
-    let clear = clear::index_layers(source, (&model, &layers), &params, &run)?;
+    let extra = extra_layers::index_layers(source, (&model, &layers), &params, &run)?;
     let mut maker = LevelMaker {
         source: &prepared,
-        clear: &clear,
+        extra: &extra,
         has_solid: layers.has_solid,
         views: Views::render(&index, &params, &run)?,
         pictures: None,
@@ -102,6 +103,7 @@ fn bake_whole(source: &Source<'_>, settings: &BakeSettings, context: &Context<'_
         run: &run,
     };
     let mut made = maker.make(&targets)?;
+    lattices::replace(source, &mut maker, &mut made)?;
     gate::raise(&params.gate, &mut maker, &mut made)?;
     gate::check(&params.gate, source.name, &made)?;
     let Made { levels, reports, notes } = made;

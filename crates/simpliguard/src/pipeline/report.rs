@@ -141,6 +141,9 @@ pub struct LevelReport {
     /// Its clear layers, such as glass. Their faces are part of `faces`.
     #[serde(default)]
     pub clear: Vec<ClearReport>,
+    /// Cut-out cards that stand for lattices, of two faces each. They are part of `faces`.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub lattices: u32,
     /// Gain of the refinement, in dB over held-out views.
     pub refined: Option<Refined>,
     /// How much it looks like the source; `None` in a preview.
@@ -194,6 +197,12 @@ impl Likeness {
              by {overlap:.0} %{worst}"
         ))
     }
+}
+
+/// True for a number that says nothing.
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde's signature")]
+fn is_zero(n: &u32) -> bool {
+    *n == 0
 }
 
 /// The report of a clear layer of a level.

@@ -1,7 +1,7 @@
 //! The shapes of the levels: reconstruct and simplify. The pipeline hands the other stages to `simplify`, and keeps the
 //! shapes of each candidate in the store.
 
-use super::clear::ClearLayers;
+use super::extra_layers::ExtraLayers;
 use super::params::{LevelParams, Params};
 use super::runner::Runner;
 use super::source::{PreparedSource, StageTools};
@@ -31,10 +31,10 @@ pub(super) struct Shapes {
 
 impl Shapes {
     /// The shapes of a source without a solid layer: nothing.
-    pub(super) fn empty(source: &PreparedSource<'_>, clear: &ClearLayers<'_>, targets: &Targets) -> Self {
+    pub(super) fn empty(source: &PreparedSource<'_>, extra: &ExtraLayers<'_>, targets: &Targets) -> Self {
         let budgets = targets.budgets();
         let deviation = |&budget: &u32| {
-            clear
+            extra
                 .of(budget)
                 .next()
                 .map_or(Deviation::default(), |(_, shape)| source.deviation_metric.measure(&shape.mesh))

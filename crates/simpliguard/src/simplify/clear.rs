@@ -5,6 +5,7 @@
 
 use super::budgets::simplify_to_budgets;
 use super::inputs::Inputs;
+use super::layer_shape::LayerShape;
 use super::opaque::OpaqueSurface;
 use super::params::SimplifyParams;
 use super::simplify_input::SimplifyInput;
@@ -73,7 +74,7 @@ impl ClearPixels {
 /// nothing of the surface is ever seen.
 ///
 /// The components keep the order of the source: a viewer that does not sort blends them as it does those.
-pub fn simplify_clear(inputs: &Inputs<'_>, params: &SimplifyParams, pixels: &ClearPixels) -> Vec<Option<ClearShape>> {
+pub fn simplify_clear(inputs: &Inputs<'_>, params: &SimplifyParams, pixels: &ClearPixels) -> Vec<Option<LayerShape>> {
     let (mesh, welded_from) = weld::weld(&inputs.opaque.mesh.positions, &inputs.opaque.mesh.triangles);
     let source: Vec<u32> = welded_from.iter().map(|&t| inputs.opaque.source[t as usize]).collect();
     let pixels: Vec<u32> = source.iter().map(|&t| pixels.of_triangles[t as usize]).collect();
@@ -91,18 +92,9 @@ pub fn simplify_clear(inputs: &Inputs<'_>, params: &SimplifyParams, pixels: &Cle
         let shape = rounds.into_iter().find(|s| (1..=budget as usize).contains(&s.mesh.triangles.len()))?;
         let mut mesh = in_source_order(&shape.mesh, inputs.bvh);
         weld::move_coincident_apart(&mut mesh, weld::COINCIDENT_OFFSET * inputs.sphere.radius);
-        Some(ClearShape { mesh, double_sided })
+        Some(LayerShape { mesh, double_sided, cards: None })
     };
     params.budgets.iter().enumerate().map(best).collect()
-}
-
-/// The collapsed mesh of a clear surface.
-#[derive(Clone, Debug, PartialEq)]
-pub struct ClearShape {
-    /// World space.
-    pub mesh: TriMesh,
-    /// Back faces are visible.
-    pub double_sided: bool,
 }
 
 /// Double-sided triangles show more pixels than others.

@@ -43,17 +43,21 @@ pub struct BakeTarget<'a> {
     pub texels: &'a TexelMap,
     /// Faces that are cut-out cards, if any are.
     pub cards: Option<&'a Cards>,
+    /// What the cards show grows to its area in the source: leaves that lie at an angle and overlap.
+    pub keeps_area: bool,
+    /// Texels show the nearest surface, not the outermost: that of a clear layer, where a wall may stand before another.
+    pub shows_nearest: bool,
 }
 
 impl Baker<'_> {
     /// Samples the source at every texel that a triangle covers: along the level's smooth normal, from outside inwards, the
-    /// first surface within the ray distance that faces outwards; failing that, the nearest point. Leaves on cards then
-    /// grow to the area of the source's leaves.
+    /// first surface within the ray distance that faces outwards; failing that, or if asked for, the nearest point. Leaves on cards then
+    /// grow to the area of the source's leaves, if asked for.
     ///
     /// Returns one sample a texel. If cancelled, the remaining ones are `None`.
     pub fn bake(&self, target: &BakeTarget<'_>, cancellation: &Cancellation) -> Vec<Option<SurfaceSample>> {
         let mut samples = self.sample_texels(target, cancellation);
-        if let Some(cards) = target.cards {
+        if let Some(cards) = target.cards.filter(|_| target.keeps_area) {
             keep_coverage(&mut samples, target.texels, self.sampler, target.mesh, cards);
         }
         samples
@@ -61,7 +65,7 @@ impl Baker<'_> {
 
     fn sample_texels(&self, target: &BakeTarget<'_>, cancellation: &Cancellation) -> Vec<Option<SurfaceSample>> {
         let areas = texel_areas(target);
-        let level = LevelSurface::new(target.mesh, target.cards);
+        let level = LevelSurface::new(target.mesh, target.cards, target.shows_nearest);
         let sample = |texel: &Option<Texel>| {
             let texel = texel.filter(|_| !cancellation.is_cancelled())?;
             self.sample(&level, &texel, areas[texel.triangle as usize])
@@ -72,7 +76,7 @@ impl Baker<'_> {
     /// For each point of a level, true if the source is not cut out there. `areas` has the area that a point of each face
     /// stands for.
     pub fn shown(&self, mesh: &TriMesh, cards: Option<&Cards>, points: &[Texel], areas: &[f32]) -> Vec<bool> {
-        let level = LevelSurface::new(mesh, cards);
+        let level = LevelSurface::new(mesh, cards, false);
         let is_shown = |point: &Texel| {
             let sample = self.sample(&level, point, areas[point.triangle as usize]);
             sample.is_some_and(|sample| sample.color.w >= OPAQUE)
@@ -82,7 +86,7 @@ impl Baker<'_> {
 
     /// The source at one point of a level, for a texel that stands for `area`.
     fn sample(&self, level: &LevelSurface<'_>, texel: &Texel, area: f32) -> Option<SurfaceSample> {
-        let LevelSurface { mesh, normals, cards } = level;
+        let LevelSurface { mesh, normals, cards, .. } = level;
         let ray_distance = RAY_DISTANCE * self.bounding_sphere.radius;
         let position = texel.interpolate(&mesh.triangles, &mesh.positions);
         let normal = texel.interpolate(&mesh.triangles, normals).normalize_or(Vec3::Y);
@@ -93,6 +97,7 @@ impl Baker<'_> {
                 let ray_distance = cards.reach[card as usize] * CARD_RAY_DISTANCE;
                 Some(Probe { ray_distance, ..probe }.sample_card(position, normal))
             }
+            _ if level.shows_nearest => probe.sample_nearest(position),
             _ => probe.sample_surface(position, normal),
         }
     }
@@ -103,11 +108,12 @@ struct LevelSurface<'a> {
     mesh: &'a TriMesh,
     normals: Vec<Vec3>,
     cards: Option<&'a Cards>,
+    shows_nearest: bool,
 }
 
 impl<'a> LevelSurface<'a> {
-    fn new(mesh: &'a TriMesh, cards: Option<&'a Cards>) -> Self {
-        Self { mesh, normals: mesh.vertex_normals(), cards }
+    fn new(mesh: &'a TriMesh, cards: Option<&'a Cards>, shows_nearest: bool) -> Self {
+        Self { mesh, normals: mesh.vertex_normals(), cards, shows_nearest }
     }
 }
 

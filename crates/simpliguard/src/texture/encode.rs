@@ -24,13 +24,10 @@ pub(super) fn encode_normal(mesh: &LevelMesh, texel: Option<Texel>, normal: Vec3
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::texture::level_mesh;
-    use crate::texture::tests::level as square;
 
     #[test]
     fn normals_encode_to_blue_and_leaning_ones_towards_red_and_green() {
-        let (mesh, atlas) = square();
-        let level = level_mesh(&mesh, &atlas, &[], &[], true);
+        let level = crate::texture::tests::level_mesh();
         let texel = Some(Texel { triangle: 0, barycentric: Vec3::splat(1.0 / 3.0) });
         let encoded = |n: Vec3| encode_normal(&level, texel, n.normalize());
         assert!((encoded(Vec3::Z) - Vec3::new(0.5, 0.5, 1.0)).length() < 1e-5);

@@ -2,29 +2,30 @@
 
 use std::collections::HashMap;
 
-use super::tangents::mikktspace;
+use glam::Vec3;
+
 use crate::data::{Atlas, Influences, LevelMesh, LevelMorph, TriMesh};
 
-/// Splits vertices along chart borders and gives them normals, and MikkTSpace tangents if `tangents`.
+/// Splits vertices along chart borders. The level has no tangents yet ([`super::tangents`]).
 ///
+/// `normals` has one entry for each corner of each face, equal within a chart at a vertex ([`super::corner_normals`]);
 /// `influences` has one entry a vertex of `mesh`, or none; `morphs` one a morph target, each with one entry a vertex.
 pub fn level_mesh(
     mesh: &TriMesh,
     atlas: &Atlas,
+    normals: &[[Vec3; 3]],
     influences: &[Influences],
     morphs: &[LevelMorph],
-    tangents: bool,
 ) -> LevelMesh {
-    let normals = mesh.vertex_normals();
     let mut out = LevelMesh { morphs: vec![LevelMorph::default(); morphs.len()], ..LevelMesh::default() };
     let mut ids: HashMap<(u32, [u32; 2]), u32> = HashMap::new();
-    for (triangle, uvs) in mesh.triangles.iter().zip(&atlas.uvs) {
+    for ((triangle, uvs), normals) in mesh.triangles.iter().zip(&atlas.uvs).zip(normals) {
         let mut corners = [0; 3];
         for k in 0..3 {
             let (v, uv) = (triangle[k], uvs[k]);
             corners[k] = *ids.entry((v, [uv.x.to_bits(), uv.y.to_bits()])).or_insert_with(|| {
                 out.positions.push(mesh.positions[v as usize]);
-                out.normals.push(normals[v as usize]);
+                out.normals.push(normals[k]);
                 out.uvs.push(uv);
                 out.influences.extend(influences.get(v as usize));
                 for (out, morph) in out.morphs.iter_mut().zip(morphs) {
@@ -36,9 +37,6 @@ pub fn level_mesh(
         }
         out.triangles.push(corners);
     }
-    if tangents {
-        out.tangents = mikktspace(&out);
-    }
     out
 }
 
@@ -47,20 +45,21 @@ mod tests {
     use glam::Vec4;
 
     use super::*;
+    use crate::texture::tangents;
     use crate::texture::tests::level as square;
 
     #[test]
     fn an_upright_image_has_its_tangent_along_u_and_positive_handedness() {
         let (mesh, atlas) = square();
-        let level = level_mesh(&mesh, &atlas, &[], &[], true);
+        let level = level_mesh(&mesh, &atlas, &[[Vec3::Z; 3]; 2], &[], &[]);
         assert_eq!(level.positions.len(), 4);
-        assert!(level.tangents.iter().all(|t| (*t - Vec4::new(1.0, 0.0, 0.0, 1.0)).length() < 1e-6));
+        assert!(tangents(&level).iter().all(|t| (*t - Vec4::new(1.0, 0.0, 0.0, 1.0)).length() < 1e-6));
     }
 
     #[test]
     fn a_vertex_on_a_chart_border_is_split() {
         let (mesh, mut atlas) = square();
         atlas.uvs[1] = atlas.uvs[1].map(|uv| uv * 0.5);
-        assert_eq!(level_mesh(&mesh, &atlas, &[], &[], false).positions.len(), 6);
+        assert_eq!(level_mesh(&mesh, &atlas, &[[Vec3::Z; 3]; 2], &[], &[]).positions.len(), 6);
     }
 }

@@ -7,6 +7,7 @@
 //! ([`crate::render::fill_unknown`]).
 
 mod bake;
+mod corner_normals;
 mod coverage;
 mod encode;
 mod level_mesh;
@@ -20,8 +21,10 @@ mod tests;
 mod texel_map;
 
 pub use bake::{BakeTarget, Baker};
+pub use corner_normals::corner_normals;
 pub use level_mesh::level_mesh;
 pub use material::{MaterialStatistics, level_material};
 pub use pbr_maps::{Channels, pbr_maps};
 pub use projection::Projection;
+pub use tangents::tangents;
 pub use texel_map::{Texel, TexelMap};

@@ -39,6 +39,11 @@ impl Probe<'_> {
         Some(self.sample(&hit))
     }
 
+    /// The point of the source that is nearest to `position`.
+    pub(super) fn sample_nearest(&self, position: Vec3) -> Option<SurfaceSample> {
+        Some(self.sample(&self.bvh.closest(position, f32::INFINITY)?))
+    }
+
     /// A card at `position`: the triangles of its own group from either side, clear between them.
     pub(super) fn sample_card(&self, position: Vec3, normal: Vec3) -> SurfaceSample {
         let hit = self.cast_within(self.ray_distance, position, normal);

@@ -6,7 +6,7 @@ use crate::data::LevelMesh;
 
 /// MikkTSpace tangents of a level. A vertex takes the tangent of the last of its corners; all are alike where charts are
 /// split.
-pub(super) fn mikktspace(mesh: &LevelMesh) -> Vec<Vec4> {
+pub fn tangents(mesh: &LevelMesh) -> Vec<Vec4> {
     let mut geometry = Tangents { mesh, out: vec![Vec4::new(1.0, 0.0, 0.0, 1.0); mesh.positions.len()] };
     // Fails only if a face has other than three or four corners, or there are more faces than 32 bits count.
     if let Err(error) = bevy_mikktspace::generate_tangents::<_, Portable>(&mut geometry) {

@@ -4,10 +4,11 @@ use glam::{Affine2, Vec2, Vec3, Vec4};
 use image::{DynamicImage, Rgba, RgbaImage};
 
 use super::material::MaterialStatistics;
-use super::{BakeTarget, Baker, Channels, Projection, TexelMap, level_material, level_mesh, pbr_maps};
+use super::{BakeTarget, Baker, Channels, Projection, TexelMap, level_material, pbr_maps, tangents};
 use crate::Cancellation;
 use crate::data::{
-    AlphaMode, Atlas, LevelTextures, Material, Model, Surface, Texture, TextureRef, TriMesh, Wrap, srgb_to_linear,
+    AlphaMode, Atlas, LevelMesh, LevelTextures, Material, Model, Surface, Texture, TextureRef, TriMesh, Wrap,
+    srgb_to_linear,
 };
 use crate::geometry::{BoundingSphere, Bvh};
 use crate::render::{Camera, SurfaceSample, SurfaceSampler};
@@ -39,13 +40,26 @@ pub(super) fn level() -> (TriMesh, Atlas) {
 }
 
 fn samples(model: &Model) -> Vec<Option<SurfaceSample>> {
+    samples_of(model, false)
+}
+
+fn samples_of(model: &Model, shows_nearest: bool) -> Vec<Option<SurfaceSample>> {
     let (mesh, atlas) = level();
     let bvh = Bvh::new(&model.surface.positions, &model.surface.triangles);
     let bounding_sphere = BoundingSphere::around(&model.surface.positions);
     let texels = TexelMap::new(&atlas, SIZE);
-    let target = BakeTarget { mesh: &mesh, atlas: &atlas, texels: &texels, cards: None };
+    let target =
+        BakeTarget { mesh: &mesh, atlas: &atlas, texels: &texels, cards: None, keeps_area: false, shows_nearest };
     let sampler = SurfaceSampler::new(model);
     Baker { sampler: &sampler, bvh: &bvh, bounding_sphere }.bake(&target, &Cancellation::default())
+}
+
+/// The same as the mesh of a level, with tangents.
+pub(super) fn level_mesh() -> LevelMesh {
+    let (mesh, atlas) = level();
+    let mut level = super::level_mesh(&mesh, &atlas, &[[Vec3::Z; 3]; 2], &[], &[]);
+    level.tangents = tangents(&level);
+    level
 }
 
 /// The sample at a point of the square.
@@ -55,12 +69,11 @@ fn sample_at(samples: &[Option<SurfaceSample>], x: f32, y: f32) -> SurfaceSample
 }
 
 fn images(model: &Model) -> LevelTextures {
-    let (mesh, atlas) = level();
+    let (_, atlas) = level();
     let samples = samples(model);
     let base = vec![Vec4::ONE; SIZE * SIZE];
     let channels = Channels { normal: true, ..Channels::default() };
-    let level = level_mesh(&mesh, &atlas, &[], &[], true);
-    pbr_maps(&level, &TexelMap::new(&atlas, SIZE), &samples, &base, channels).0
+    pbr_maps(&level_mesh(), &TexelMap::new(&atlas, SIZE), &samples, &base, channels).0
 }
 
 fn texture(width: u32, texels: &[[u8; 4]], wrap: Wrap, srgb: bool) -> Texture {
@@ -204,13 +217,38 @@ fn a_normal_map_survives_where_level_and_source_lie_alike() {
     }
 }
 
+#[test]
+fn a_wall_behind_glass_is_shown_where_the_nearest_surface_is_asked_for() {
+    let mut model = source([plain(), plain()], Vec::new());
+    // Glass of the second material before all of it.
+    let glass = Material { base_color: Vec4::new(0.0, 0.0, 1.0, 1.0), ..plain() };
+    model.materials.push(glass);
+    let first = model.surface.positions.len() as u32;
+    let corners = [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]].map(|[x, y]| Vec3::new(x, y, 0.01));
+    model.surface.positions.extend(corners);
+    model.surface.normals.extend([Vec3::Z; 4]);
+    model.surface.uvs[0].extend([Vec2::ZERO; 4]);
+    model.surface.triangles.extend([[first, first + 1, first + 2], [first, first + 2, first + 3]]);
+    model.surface.material.extend([2; 2]);
+    let colour = |shows_nearest| sample_at(&samples_of(&model, shows_nearest), 0.3, 0.3).color;
+    assert_eq!(colour(false), Vec4::new(0.0, 0.0, 1.0, 1.0));
+    assert_eq!(colour(true), plain().base_color);
+}
+
 /// The colours that an image of the square from above gives to the texels.
 fn projected(model: &Model, size: usize, radius: u32) -> Vec<Option<Vec4>> {
     let (mesh, atlas) = level();
     let bvh = Bvh::new(&model.surface.positions, &model.surface.triangles);
     let bounding_sphere = BoundingSphere::around(&model.surface.positions);
     let texels = TexelMap::new(&atlas, SIZE);
-    let target = BakeTarget { mesh: &mesh, atlas: &atlas, texels: &texels, cards: None };
+    let target = BakeTarget {
+        mesh: &mesh,
+        atlas: &atlas,
+        texels: &texels,
+        cards: None,
+        keeps_area: false,
+        shows_nearest: false,
+    };
     let sampler = SurfaceSampler::new(model);
     let cameras = [Camera::orbit(&bounding_sphere, Vec3::Z, 0.6, 1.0)];
     let projection = Projection { cameras: &cameras, size, radius };

@@ -370,3 +370,36 @@ fn statistics_count_what_is_seen() {
         assert_eq!((triangles, shown), ((drawn, 3000), expected));
     }
 }
+
+#[test]
+#[ignore = "a figure"]
+#[expect(clippy::print_stdout, reason = "the figure")]
+fn figures_of_thousands_of_objects_and_ten_cameras() {
+    let frames = 200;
+    let mean = |objects: usize, cameras: usize| {
+        let mut app = TestApp::new();
+        for i in 0..objects {
+            let root = model(&mut app);
+            let place = Vec3::new((i % 100) as f32 * 25.0, 0.0, (i / 100) as f32 * 25.0);
+            app.world().get_mut::<Transform>(root).expect("a transform").translation = place;
+        }
+        let cameras: Vec<Entity> = (0..cameras).map(|i| app.camera(Vec3::new(i as f32 * 200.0, 20.0, 0.0))).collect();
+        (0..10).for_each(|_| app.app.update());
+        let started = std::time::Instant::now();
+        for frame in 0..frames {
+            // Everybody moves, so that levels switch all the time.
+            for (i, camera) in cameras.iter().enumerate() {
+                let place = Vec3::new(i as f32 * 200.0, 20.0, frame as f32 * 5.0);
+                app.world().get_mut::<Transform>(*camera).expect("a transform").translation = place;
+            }
+            app.app.update();
+        }
+        1000.0 * started.elapsed().as_secs_f64() / f64::from(frames)
+    };
+    for objects in [1000, 5000] {
+        let [none, one, ten] = [0, 1, 10].map(|cameras| mean(objects, cameras));
+        println!(
+            "{objects} objects: a frame takes {none:.2} ms without cameras, {one:.2} ms with 1, {ten:.2} ms with 10"
+        );
+    }
+}

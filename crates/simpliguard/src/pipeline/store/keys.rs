@@ -61,6 +61,11 @@ pub(crate) fn content_key(source: &Source<'_>, model: &Model) -> Key {
     images.iter().fold(key, with_image).finish()
 }
 
+/// The files of a source whose lattices become cards.
+pub(crate) fn lattices_key(content: &Key) -> Key {
+    for_stages(&[StageId::Import]).key(content).params(&"lattices").finish()
+}
+
 /// The selected shapes of a bake and their deviations.
 pub(crate) fn shapes_key(content: &Key, simplify: &SimplifyParams, params: &Params) -> Key {
     for_stages(&[StageId::Views, StageId::Reconstruct, StageId::Simplify])

@@ -25,7 +25,7 @@ use crate::simplify::{Selected, Shape};
 
 pub use keys::bake_key;
 pub(crate) use keys::{
-    atlas_key, candidate_key, choice_key, content_key, form_key, shapes_key, vertices_key, warm_start_key,
+    atlas_key, candidate_key, choice_key, content_key, form_key, lattices_key, shapes_key, vertices_key, warm_start_key,
 };
 pub(crate) use stored::{Stored, decode, encode};
 

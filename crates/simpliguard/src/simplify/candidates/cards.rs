@@ -6,12 +6,13 @@
 //! extent. The texture of the rectangle shows the group along the plane's normal, cut out by alpha. The rest of the
 //! source, such as the trunk, collapses as usual.
 
-use glam::{Mat3, Vec3};
+use glam::Vec3;
 
 use crate::data::{Candidate, Cards, NO_CARD, TriMesh, bounds};
 use crate::geometry::{face_components, group_by_component};
 use crate::simplify::budgets::simplify_to_budgets;
 use crate::simplify::inputs::Inputs;
+use crate::simplify::oriented_box::OrientedBox;
 use crate::simplify::params::{CollapseParams, SimplifyParams};
 use crate::simplify::shape::{Shape, Shortfall};
 use crate::simplify::simplify_input::SimplifyInput;
@@ -107,7 +108,8 @@ impl Foliage {
             for &t in &triangles {
                 cards.source_group[self.source[t as usize] as usize] = group as u32;
             }
-            cards.reach.push(add_card(&mut mesh, &corners(&self.mesh, &triangles)));
+            let around = OrientedBox::around(&corners(&self.mesh, &triangles));
+            cards.reach.push(around.add_rectangle(&mut mesh));
             cards.group.extend([group as u32; 2]);
         }
         Shape { cards: Some(cards), ..Shape::unscored(mesh, true, Candidate::Cards, Shortfall::Leaves) }
@@ -142,8 +144,8 @@ fn is_leaf(corners: &[Vec3], is_cut_out: bool, radius: f32) -> bool {
     if is_cut_out {
         return size <= TWIG_SIZE * radius;
     }
-    let extent = extents(corners, &principal_axes(corners)).1;
-    size <= LEAF_SIZE * radius && extent.z <= LEAF_THICKNESS * extent.y
+    let half = OrientedBox::around(corners).half;
+    size <= LEAF_SIZE * radius && half.z <= LEAF_THICKNESS * half.y
 }
 
 fn corners(mesh: &TriMesh, triangles: &[u32]) -> Vec<Vec3> {
@@ -170,90 +172,18 @@ fn halve(points: Vec<(Vec3, u32)>, n: usize) -> Vec<Vec<u32>> {
     groups.into_iter().filter(|g| !g.is_empty()).map(|g| g.into_iter().map(|p| p.1).collect()).collect()
 }
 
-/// Adds the rectangle around `points` in their plane of least extent. Returns their largest distance from the plane.
-fn add_card(mesh: &mut TriMesh, points: &[Vec3]) -> f32 {
-    let axes = principal_axes(points);
-    let (centre, extent) = extents(points, &axes);
-    // A card always has an area.
-    let least = extent.x.max(f32::MIN_POSITIVE) * 0.02;
-    let (u, v) = (axes.x_axis * extent.x.max(least), axes.y_axis * extent.y.max(least));
-    let first = mesh.positions.len() as u32;
-    mesh.positions.extend([centre - u - v, centre + u - v, centre + u + v, centre - u + v]);
-    mesh.triangles.extend([[first, first + 1, first + 2], [first, first + 2, first + 3]]);
-    extent.z.max(least)
-}
-
-/// Centre and half extents of points along axes.
-fn extents(points: &[Vec3], axes: &Mat3) -> (Vec3, Vec3) {
-    let local: Vec<Vec3> = points.iter().map(|p| axes.transpose() * *p).collect();
-    let (low, high) = bounds(&local);
-    (*axes * ((low + high) * 0.5), (high - low) * 0.5)
-}
-
-/// Orthonormal, right-handed axes of points, by falling variance (Jacobi's method on the covariance).
-fn principal_axes(points: &[Vec3]) -> Mat3 {
-    let mean = points.iter().sum::<Vec3>() / points.len().max(1) as f32;
-    let mut a = Mat3::ZERO;
-    for d in points.iter().map(|p| *p - mean) {
-        a += Mat3::from_cols(d * d.x, d * d.y, d * d.z);
-    }
-    let mut axes = Mat3::IDENTITY;
-    for _ in 0..8 {
-        for (p, q) in [(0, 1), (0, 2), (1, 2)] {
-            let off = a.col(p)[q];
-            if off == 0.0 {
-                continue;
-            }
-            let theta = (a.col(q)[q] - a.col(p)[p]) / (2.0 * off);
-            let t = if theta < 0.0 { -1.0 } else { 1.0 } / (theta.abs() + (theta * theta + 1.0).sqrt());
-            let c = 1.0 / (t * t + 1.0).sqrt();
-            let mut rotation = Mat3::IDENTITY;
-            rotation.col_mut(p)[p] = c;
-            rotation.col_mut(q)[q] = c;
-            rotation.col_mut(p)[q] = -t * c;
-            rotation.col_mut(q)[p] = t * c;
-            a = rotation.transpose() * a * rotation;
-            axes *= rotation;
-        }
-    }
-    let mut order = [0, 1, 2];
-    order.sort_by(|&i, &j| a.col(j)[j].total_cmp(&a.col(i)[i]).then(i.cmp(&j)));
-    let (x, y) = (axes.col(order[0]).normalize_or(Vec3::X), axes.col(order[1]).normalize_or(Vec3::Y));
-    Mat3::from_cols(x, y, x.cross(y))
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    fn slab() -> Vec<Vec3> {
-        let turn = glam::Quat::from_xyzw(0.2, 0.4, 0.1, 0.8).normalize();
-        (0..8)
-            .map(|i| turn * Vec3::new((i & 1) as f32 * 4.0, (i >> 1 & 1) as f32 * 2.0, (i >> 2) as f32 * 0.5))
-            .collect()
-    }
-
-    #[test]
-    fn axes_follow_a_turned_slab() {
-        let (_, half) = extents(&slab(), &principal_axes(&slab()));
-        assert!((half - Vec3::new(2.0, 1.0, 0.25)).length() < 1e-4, "{half}");
-    }
-
-    #[test]
-    fn a_card_covers_its_group_and_knows_its_depth() {
-        let mut mesh = TriMesh::default();
-        let reach = add_card(&mut mesh, &slab());
-        let area: f32 = (0..2).map(|t| mesh.area_vector(t).length() * 0.5).sum();
-        assert!((area - 8.0).abs() < 1e-3 && (reach - 0.25).abs() < 1e-4, "{area} {reach}");
-    }
+    use crate::simplify::oriented_box::tests::slab;
 
     #[test]
     fn leaves_are_small_and_flat_or_small_and_cut_out() {
         // The diagonal of the slab's bounding box is between 4.6 and 6.9.
-        let slab = |is_cut_out, radius| is_leaf(&slab(), is_cut_out, radius);
-        assert!(slab(false, 30.0) && slab(true, 30.0));
-        assert!(!slab(false, 12.0) && slab(true, 12.0));
-        assert!(!slab(true, 5.0));
+        let is_leaf_of = |is_cut_out, radius| is_leaf(&slab(), is_cut_out, radius);
+        assert!(is_leaf_of(false, 30.0) && is_leaf_of(true, 30.0));
+        assert!(!is_leaf_of(false, 12.0) && is_leaf_of(true, 12.0));
+        assert!(!is_leaf_of(true, 5.0));
         let cube: Vec<Vec3> = (0..8).map(|i| Vec3::new((i & 1) as f32, (i >> 1 & 1) as f32, (i >> 2) as f32)).collect();
         assert!(!is_leaf(&cube, false, 30.0) && is_leaf(&cube, true, 30.0));
     }

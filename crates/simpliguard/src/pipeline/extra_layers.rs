@@ -1,62 +1,69 @@
-//! The clear layers of the levels.
+//! The layers of the levels beside the solid one: clear surfaces, and lattices as cards.
 
-use super::layers::SourceLayers;
+use super::layers::{LayerKind, SourceLayers};
 use super::params::Params;
 use super::runner::Runner;
 use super::source::{PreparedSource, SourceIndex, StageTools};
 use super::targets::Targets;
 use crate::data::{AlphaMode, Material, Model, Transmission, area_vector};
-use crate::simplify::{self, ClearPixels, ClearShape, SimplifyParams};
+use crate::simplify::{self, ClearPixels, LayerShape, SimplifyParams};
 use crate::{Error, Source, StageId};
 
+/// Alpha from which on a card is opaque.
+const CUTOFF: f32 = 0.5;
 /// Fewest faces of a solid layer.
 const FEWEST_SOLID: u32 = 4;
 
-/// The clear layers of all levels.
-pub(super) struct ClearLayers<'a> {
+/// The layers of all levels beside the solid one.
+pub(super) struct ExtraLayers<'a> {
     /// The budgets of whole levels, ascending.
     budgets: Vec<u32>,
-    layers: Vec<ClearLayer<'a>>,
+    layers: Vec<ExtraLayer<'a>>,
     /// There is no solid layer.
     pub(super) is_alone: bool,
 }
 
-/// One clear layer of all levels.
-pub(super) struct ClearLayer<'a> {
+/// One layer of all levels.
+pub(super) struct ExtraLayer<'a> {
     pub(super) source: PreparedSource<'a>,
     /// One for each budget, if the layer fits in.
-    shapes: Vec<Option<ClearShape>>,
+    shapes: Vec<Option<LayerShape>>,
     pub(super) alpha_mode: AlphaMode,
     pub(super) transmission: Option<Transmission>,
 }
 
-/// The index of each clear layer of a source.
+/// The layers of a source beside the solid one, with the index of each.
 pub(super) fn index_layers<'l>(
     source: &Source<'_>,
     (whole, layers): (&'l Model, &'l SourceLayers<'_>),
     params: &Params,
     run: &Runner<'_>,
-) -> Result<Vec<SourceIndex<'l>>, Error> {
-    layers.clear.iter().map(|model| SourceIndex::new(source, (whole, model), &params.views, run)).collect()
+) -> Result<Vec<(LayerKind, SourceIndex<'l>)>, Error> {
+    let index = |(kind, model): &'l (LayerKind, Model)| {
+        Ok((kind.clone(), SourceIndex::new(source, (whole, model), &params.views, run)?))
+    };
+    layers.extra.iter().map(index).collect()
 }
 
-impl<'a> ClearLayers<'a> {
-    /// Collapses the clear layers to their shares of the budgets; to all of it if there is no solid layer. If a budget cannot
-    /// be met then, there are no clear layers: the source is made as a solid one.
+impl<'a> ExtraLayers<'a> {
+    /// Finds cards for lattices, and collapses clear layers to their shares of the budgets; to all of it if there is no solid
+    /// layer. If a budget cannot be met then, there are no such layers: the source is made as a solid one.
     pub(super) fn find(
-        indices: &'a [SourceIndex<'a>],
+        indices: &'a [(LayerKind, SourceIndex<'a>)],
         solid: (&SourceIndex<'_>, bool),
         params: &Params,
         targets: &Targets,
         run: &Runner<'_>,
     ) -> Result<Self, Error> {
         let budgets = targets.budgets();
-        let layer = |index| ClearLayer::new(index, solid, params, &budgets, run);
+        let layer = |(kind, index): &'a (LayerKind, SourceIndex<'a>)| {
+            ExtraLayer::new((kind, index), solid, params, &budgets, run)
+        };
         let layers = run.run(StageId::Simplify, || indices.iter().map(layer).collect::<Result<Vec<_>, Error>>())??;
         Ok(Self::checked(budgets, layers, solid.1))
     }
 
-    fn checked(budgets: Vec<u32>, layers: Vec<ClearLayer<'a>>, has_solid: bool) -> Self {
+    fn checked(budgets: Vec<u32>, layers: Vec<ExtraLayer<'a>>, has_solid: bool) -> Self {
         let fits = |level: usize| layers.iter().any(|layer| layer.shapes[level].is_some());
         if !has_solid && (0..budgets.len()).all(fits) {
             return Self { budgets, layers, is_alone: true };
@@ -70,15 +77,15 @@ impl<'a> ClearLayers<'a> {
         self.budgets.iter().map(|&budget| budget.saturating_sub(faces(budget)).max(FEWEST_SOLID)).collect()
     }
 
-    /// The clear layers of the level of a budget.
-    pub(super) fn of(&self, budget: u32) -> impl Iterator<Item = (&ClearLayer<'a>, &ClearShape)> {
+    /// The layers of the level of a budget.
+    pub(super) fn of(&self, budget: u32) -> impl Iterator<Item = (&ExtraLayer<'a>, &LayerShape)> {
         let level = self.budgets.iter().position(|&b| b == budget);
         self.layers.iter().filter_map(move |layer| Some((layer, layer.shapes.get(level?)?.as_ref()?)))
     }
 
     /// Notes on levels without one of the clear layers.
     pub(super) fn notes(&self) -> Vec<String> {
-        let lost = |layer: &ClearLayer<'_>| layer.shapes.iter().zip(&self.budgets).filter(|(s, _)| s.is_none()).count();
+        let lost = |layer: &ExtraLayer<'_>| layer.shapes.iter().zip(&self.budgets).filter(|(s, _)| s.is_none()).count();
         let lost: usize = self.layers.iter().map(lost).sum();
         let note =
             || format!("{lost} levels leave out clear surfaces, which did not fit into their share of the faces");
@@ -86,9 +93,9 @@ impl<'a> ClearLayers<'a> {
     }
 }
 
-impl<'a> ClearLayer<'a> {
+impl<'a> ExtraLayer<'a> {
     fn new(
-        index: &'a SourceIndex<'a>,
+        (kind, index): (&LayerKind, &'a SourceIndex<'a>),
         (solid, has_solid): (&SourceIndex<'_>, bool),
         params: &Params,
         budgets: &[u32],
@@ -96,6 +103,11 @@ impl<'a> ClearLayer<'a> {
     ) -> Result<Self, Error> {
         let model = index.model;
         let source = PreparedSource { joint_planes: Vec::new(), ..PreparedSource::new(index, params, run)? };
+        if let LayerKind::Lattices(lattice) = kind {
+            let shape = simplify::lattice_cards(model, lattice);
+            let alpha_mode = AlphaMode::Mask { cutoff: CUTOFF };
+            return Ok(Self { source, shapes: vec![Some(shape); budgets.len()], alpha_mode, transmission: None });
+        }
         let sphere = solid.sphere.with(&index.sphere);
         let occluder = has_solid.then_some((solid.model, &solid.opaque));
         let pixels = ClearPixels::count(model, occluder, &sphere, run.cancellation());
@@ -118,7 +130,7 @@ fn collapse(
     budgets: Vec<u32>,
     pixels: &ClearPixels,
     (params, run): (&Params, &Runner<'_>),
-) -> Vec<Option<ClearShape>> {
+) -> Vec<Option<LayerShape>> {
     let tools = StageTools { source, run };
     let params = SimplifyParams { budgets, candidates: params.candidates, collapse: params.collapse };
     simplify::simplify_clear(&tools.inputs(&[]), &params, pixels)
