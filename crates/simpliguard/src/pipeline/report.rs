@@ -143,6 +143,9 @@ pub struct LevelReport {
     pub clear: Vec<ClearReport>,
     /// Gain of the refinement, in dB over held-out views.
     pub refined: Option<Refined>,
+    /// The GPU on which its vertices were refined; `None` for the CPU.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub device: Option<String>,
     /// How much it looks like the source; `None` in a preview.
     pub likeness: Option<Likeness>,
     /// What is wrong, in words, if the likeness is below `warn_below`, or if the level misses one of its bars. It is also
