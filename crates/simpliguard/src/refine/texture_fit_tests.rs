@@ -96,7 +96,8 @@ fn level(opacity: Vec<f32>) -> LowPoly {
 /// Root of the mean squared error of a texture that begins grey and is fitted to the split's views.
 fn error(mut split: TrainValidationSplit<'_, Infallible>) -> f32 {
     let mut low = level(Vec::new());
-    let Ok(()) = split.fit_texture(&mut low, Some(&TextureFit { smoothness: 0.01, trust: None, solver: Solver::LeastSquares }));
+    let Ok(()) =
+        split.fit_texture(&mut low, Some(&TextureFit { smoothness: 0.01, trust: None, solver: Solver::LeastSquares }));
     let (mut sum, mut count) = (0.0, 0);
     for (x, y, truth) in noise().enumerate_pixels() {
         if [x, y].iter().all(|k| (RIM..TEXTURE - RIM).contains(k)) {
