@@ -10,6 +10,7 @@
 //! project.
 
 mod cached;
+mod device;
 mod host;
 pub mod isolation;
 mod memory;

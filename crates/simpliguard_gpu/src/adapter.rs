@@ -1,5 +1,7 @@
 //! Which of the machine's GPUs to use.
 
+use std::path::Path;
+
 use wgpu::{Adapter, AdapterInfo, Backends, DeviceType, Instance, InstanceDescriptor};
 
 use crate::error::GpuError;
@@ -26,8 +28,19 @@ impl Choice {
     }
 }
 
+/// Files of the drivers of real GPUs: those of the kernel, of NVIDIA, and of Windows below Linux.
+const DRIVERS: [&str; 3] = ["/dev/dri", "/dev/nvidiactl", "/dev/dxg"];
+
+/// True if the machine may have a real GPU. Servers without one are spared to load drivers, which may print.
+fn may_have_gpu() -> bool {
+    !cfg!(target_os = "linux") || DRIVERS.iter().any(|file| Path::new(file).exists())
+}
+
 /// The best adapter: discrete before integrated ones, the first of each kind.
 pub(crate) fn find(choice: Choice) -> Result<Adapter, GpuError> {
+    if choice == Choice::Real && !may_have_gpu() {
+        return Err(GpuError::NoAdapter(""));
+    }
     let backends = Backends::VULKAN | Backends::METAL | Backends::DX12;
     let instance = Instance::new(InstanceDescriptor { backends, ..InstanceDescriptor::new_without_display_handle() });
     let adapters = futures_lite::future::block_on(instance.enumerate_adapters(backends));

@@ -128,7 +128,8 @@ impl Gpu {
             });
         }
         self.check()?;
-        match receiver.try_recv() {
+        // Another thread that polls the device may be the one that calls back.
+        match receiver.recv_timeout(TIMEOUT) {
             Ok(Ok(())) => {}
             _ => return Err(GpuError::Failed("the device does not hand out its result".to_owned())),
         }
@@ -143,6 +144,11 @@ impl Gpu {
             Some(failure) => Err(GpuError::Failed(failure.clone())),
             None => Ok(()),
         }
+    }
+
+    /// True once the device has failed. It is of no use after that.
+    pub fn is_lost(&self) -> bool {
+        self.check().is_err()
     }
 
     /// Loses the device after so many submissions; for tests of faults.

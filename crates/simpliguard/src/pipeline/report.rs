@@ -45,6 +45,11 @@ impl Report {
         self.levels.iter().chain(self.objects.iter().flat_map(|object| &object.levels))
     }
 
+    /// The GPU on which levels were refined, if any was.
+    pub fn device(&self) -> Option<&str> {
+        self.all_levels().find_map(|level| level.device.as_deref())
+    }
+
     /// The report of a file that has levels now. `morphs` tells whether morph targets are transferred.
     pub(super) fn baked(
         model: &Model,

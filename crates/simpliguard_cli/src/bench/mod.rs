@@ -64,7 +64,7 @@ pub(crate) fn run(args: &BenchArgs) -> Result<(), UsageError> {
 }
 
 fn bench_file(path: &Path, args: &BenchArgs) -> Result<Document, UsageError> {
-    let ModelSettings { resolved, cache } = SettingsLookup::new(&args.settings)?.of(path)?;
+    let ModelSettings { resolved, cache, .. } = SettingsLookup::new(&args.settings)?.of(path)?;
     let file = SourceFile::read(path, &path.display().to_string(), cache.project())?;
     bench(&file.source(), &resolved?.settings, args)
 }
