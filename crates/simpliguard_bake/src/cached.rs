@@ -8,7 +8,7 @@ use simpliguard::settings::{BackendChoice, BakeSettings, Scope, TextureCompressi
 use simpliguard::{Context, Error, Key, KeyBuilder, ProgressSink, SceneBake, Source, StageStore, bake_key};
 use simpliguard_cache::{Cache, Flight, Lookup, SingleFlight};
 
-use crate::device;
+use crate::device::find_device;
 use crate::host::{Host, Notice};
 use crate::isolation::Isolation;
 use crate::object_host::ObjectHost;
@@ -161,7 +161,7 @@ impl<'a> CachedBake<'a> {
     fn bake(&self, context: &Context<'_>, host: &impl Host) -> Result<BakeResult, Error> {
         let stages = self.cache.map(StageObjects);
         let stages = stages.as_ref().map(|stages| stages as &dyn StageStore);
-        let device = device::find(self.backend, |notice| host.notify(notice));
+        let device = find_device(self.backend, |notice| host.notify(notice));
         let context = Context { stages, device, ..context.clone() };
         host.compute(|| BakeResult::compute(&self.source, self.settings, &context, self.parts))
     }

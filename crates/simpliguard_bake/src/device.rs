@@ -8,7 +8,7 @@ use simpliguard::settings::BackendChoice;
 use crate::host::Notice;
 
 /// The device for a bake; `None` for the CPU. The reason why a GPU that was asked for is not used is told once.
-pub(crate) fn find(choice: BackendChoice, notify: impl FnOnce(Notice)) -> Option<&'static Device> {
+pub fn find_device(choice: BackendChoice, notify: impl FnOnce(Notice)) -> Option<&'static Device> {
     static IS_TOLD: AtomicBool = AtomicBool::new(false);
     let found = match choice {
         BackendChoice::Cpu => Ok(None),

@@ -279,6 +279,9 @@ pub(crate) struct BenchArgs {
     /// Numbers of threads to measure, such as `1,2,4`; all cores if not given.
     #[arg(long, value_name = "N,N,..", value_delimiter = ',')]
     pub(crate) threads: Vec<NonZeroUsize>,
+    /// The processor that refines levels.
+    #[arg(long, value_name = "BACKEND", default_value = "cpu", value_parser = backend_parser())]
+    pub(crate) backend: BackendChoice,
     /// Bakes with each number of threads. The fastest counts.
     #[arg(long, value_name = "N", default_value = "1")]
     pub(crate) runs: NonZeroU8,

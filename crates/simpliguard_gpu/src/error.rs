@@ -27,6 +27,6 @@ pub enum GpuError {
     #[error("{0}")]
     Failed(String),
     /// The device does not answer.
-    #[error("it took more than {0} s for one step")]
+    #[error("it has given no result for {0} s")]
     TimedOut(u64),
 }

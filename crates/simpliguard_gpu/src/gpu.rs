@@ -17,8 +17,8 @@ use crate::kernels::Kernels;
 use crate::renderer::Renderer;
 use crate::self_test;
 
-/// Longest time of one submission. Each is the work of one view, or of one texture, and takes milliseconds.
-const TIMEOUT: Duration = Duration::from_secs(60);
+/// Longest wait for a result. It is the work of all views at most, each of which is submitted alone and takes milliseconds.
+const TIMEOUT: Duration = Duration::from_secs(120);
 
 /// A GPU that refines levels. All levels and threads of a program share it.
 pub struct Gpu {
@@ -64,6 +64,7 @@ impl Gpu {
         }
         let gpu = Self { name, device, queue, kernels, passes_of_find, failure, fuse: AtomicU32::new(u32::MAX) };
         self_test::run(&gpu).map_err(|found| GpuError::Unsuitable { name: gpu.name.clone(), found })?;
+        tracing::info!(name = gpu.name, "levels are refined on a GPU");
         Ok(gpu)
     }
 

@@ -13,12 +13,12 @@ const MODEL: &[u8] = include_bytes!("../../../../assets/octopus.glb");
 const SETTINGS: [(&str, &str); 8] = [
     ("quality", "draft"),
     ("faces", "600,1200"),
-    ("refine_steps", "60"),
+    ("refine_steps", "30"),
     ("coarse_steps", "0.5"),
     ("coarse_views", "8"),
     ("views", "12"),
-    ("view_size", "160"),
-    ("texture_size", "256"),
+    ("view_size", "128"),
+    ("texture_size", "128"),
 ];
 
 fn settings() -> BakeSettings {
