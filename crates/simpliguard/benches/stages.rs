@@ -11,7 +11,7 @@ use divan::{Bencher, black_box};
 use glam::Vec4;
 use simpliguard::data::{Atlas, Model, TriMesh};
 use simpliguard::geometry::{BoundingSphere, Bvh};
-use simpliguard::refine::{LowPoly, RefineParams, Solver, TexelGrid, TextureFit, ViewTarget, fit_texture, refine};
+use simpliguard::refine::{Cpu, LowPoly, RefineParams, Solver, TexelGrid, TextureFit, ViewTarget, fit_texture, refine};
 use simpliguard::render::{Sampling, SurfaceSample, SurfaceSampler, View, take_views, viewpoints};
 use simpliguard::settings::BakeSettings;
 use simpliguard::texture::{BakeTarget, Baker, Channels, TexelMap, corner_normals, level_mesh, pbr_maps, tangents};
@@ -126,7 +126,7 @@ fn move_vertices(bencher: Bencher<'_, '_>) {
     let params = RefineParams { steps: STEPS, coarse: 0.0, texture: Some(fit()), ..vertices };
     let Scene { views, bvh, sphere, .. } = &*SCENE;
     let target = ViewTarget { views, half_resolution: &[], bvh, radius: sphere.radius, seed: 1 };
-    let moved = |mut low: LowPoly| refine(&mut low, None, &target, &params, &Cancellation::default());
+    let moved = |mut low: LowPoly| refine((&mut low, None), &target, &params, &Cpu, &Cancellation::default());
     bencher.with_inputs(|| SCENE.low_poly()).bench_local_values(moved);
 }
 

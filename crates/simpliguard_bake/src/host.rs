@@ -19,6 +19,9 @@ pub enum Notice {
     /// No process can be started for the bake. It goes on in this one.
     #[error("it is baked in this process, because no process of its own can be started: {0}")]
     NotIsolated(std::io::Error),
+    /// The GPU that was asked for cannot be used.
+    #[error("levels are refined on the CPU: {0}")]
+    NoDevice(String),
     /// A line of the process that bakes.
     #[error("{text}")]
     OfChild {
@@ -35,7 +38,7 @@ impl Notice {
         match self {
             Self::Waits => false,
             Self::OfChild { is_warning, .. } => *is_warning,
-            Self::Storage(_) | Self::NotKept(_) | Self::NotIsolated(_) => true,
+            Self::Storage(_) | Self::NotKept(_) | Self::NotIsolated(_) | Self::NoDevice(_) => true,
         }
     }
 }

@@ -10,6 +10,7 @@
 //! project.
 
 mod cached;
+mod device;
 mod host;
 pub mod isolation;
 mod memory;
@@ -19,6 +20,7 @@ mod result;
 mod stage_objects;
 
 pub use cached::{CachedBake, Outcome, look_up};
+pub use device::find_device;
 pub use host::{Host, Notice};
 pub use isolation::Isolation;
 pub use memory::default_memory;

@@ -5,8 +5,9 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use bytesize::ByteSize;
+use clap::builder::{PossibleValuesParser, TypedValueParser};
 use clap::{Parser, Subcommand};
-use simpliguard::settings::parse_cache_size;
+use simpliguard::settings::{BackendChoice, parse_cache_size};
 
 use crate::farm::FarmArgs;
 use crate::settings_sources::SettingsSources;
@@ -86,6 +87,10 @@ pub(crate) struct ModelArgs {
     /// Longest time for one model, such as `90s` or `10m`. A model that takes longer fails, and the next one is baked.
     #[arg(long, value_name = "DURATION", value_parser = humantime::parse_duration)]
     pub(crate) timeout: Option<Duration>,
+    /// The processor that refines levels: `auto` takes a GPU if there is one; else `backend` of the project, else `auto`. The
+    /// results of another processor differ by rounding.
+    #[arg(long, value_name = "BACKEND", value_parser = backend_parser())]
+    pub(crate) backend: Option<BackendChoice>,
     /// Bake each model in a process of its own, so that a crash or a lack of memory costs that model alone.
     #[arg(long)]
     pub(crate) isolate: bool,
@@ -274,12 +279,24 @@ pub(crate) struct BenchArgs {
     /// Numbers of threads to measure, such as `1,2,4`; all cores if not given.
     #[arg(long, value_name = "N,N,..", value_delimiter = ',')]
     pub(crate) threads: Vec<NonZeroUsize>,
+    /// The processor that refines levels.
+    #[arg(long, value_name = "BACKEND", default_value = "cpu", value_parser = backend_parser())]
+    pub(crate) backend: BackendChoice,
     /// Bakes with each number of threads. The fastest counts.
     #[arg(long, value_name = "N", default_value = "1")]
     pub(crate) runs: NonZeroU8,
     /// Print one JSON document to stdout.
     #[arg(long)]
     pub(crate) json: bool,
+}
+
+/// Reads a backend by its name.
+fn backend_parser() -> impl TypedValueParser<Value = BackendChoice> {
+    PossibleValuesParser::new(["auto", "cpu", "gpu"]).map(|name| match name.as_str() {
+        "cpu" => BackendChoice::Cpu,
+        "gpu" => BackendChoice::Gpu,
+        _ => BackendChoice::Auto,
+    })
 }
 
 /// A fraction from a text such as `1%`.

@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 use simpliguard::Error;
-use simpliguard::settings::Resolved;
+use simpliguard::settings::{BackendChoice, Resolved};
 
 use crate::args::{BakeArgs, ModelArgs};
 use crate::error::UsageError;
@@ -23,6 +23,8 @@ pub(crate) struct Job {
     pub(crate) settings: Result<Resolved, Error>,
     /// The cache as the model's project configures it.
     pub(crate) cache: ProjectCache,
+    /// The processor that refines its levels.
+    pub(crate) backend: BackendChoice,
     /// The path of the result without extension.
     stem: PathBuf,
 }
@@ -102,6 +104,7 @@ pub(crate) fn jobs(models: &ModelArgs, output: &Path) -> Result<Vec<Job>, UsageE
             input: input.path,
             settings: settings.resolved,
             cache: settings.cache,
+            backend: models.backend.unwrap_or(settings.backend),
         });
     }
     Ok(jobs)

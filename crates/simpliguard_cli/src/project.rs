@@ -6,7 +6,7 @@ use std::io;
 use std::path::{Path, PathBuf};
 
 use simpliguard::Error;
-use simpliguard::settings::{CacheSettings, Layer, Origin, ProjectFile, Resolved, parse_meta, resolve};
+use simpliguard::settings::{BackendChoice, CacheSettings, Layer, Origin, ProjectFile, Resolved, parse_meta, resolve};
 use simpliguard_bake::{CachePlace, OutsideProject, open_cache};
 use simpliguard_cache::Cache;
 
@@ -37,6 +37,8 @@ pub(crate) struct ModelSettings {
     pub(crate) resolved: Result<Resolved, Error>,
     /// The cache as its project configures it.
     pub(crate) cache: ProjectCache,
+    /// The processor that its project wants.
+    pub(crate) backend: BackendChoice,
 }
 
 /// The cache as a project configures it.
@@ -97,7 +99,8 @@ impl SettingsLookup {
             layers.extend(self.top.iter().cloned());
             resolve(layers)
         });
-        Ok(ModelSettings { resolved, cache: project.cache() })
+        let backend = project.file.project.backend.unwrap_or_default();
+        Ok(ModelSettings { resolved, cache: project.cache(), backend })
     }
 }
 

@@ -141,7 +141,7 @@ impl<'a> Runner<'a> {
         let Request { job, file, settings, parts, progress, .. } = *request;
         let cache = self.cache(job);
         let bake = CachedBake::new(file.source(), settings, parts, cache.as_deref())?;
-        let bake = bake.isolated(self.isolation.as_ref());
+        let bake = bake.isolated(self.isolation.as_ref()).on(job.backend);
         let stage = LastStage::new(progress);
         let context = Context { progress: Some(&stage), memory: Some(self.memory), ..Context::default() };
         let run = || {

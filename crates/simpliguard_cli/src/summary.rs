@@ -41,6 +41,8 @@ pub(crate) struct JobReport {
     turntable: Option<String>,
     /// Remarks on the result for the user.
     notes: Vec<String>,
+    /// The GPU on which levels were refined. Null for the CPU.
+    device: Option<String>,
     /// The key of the result: hexadecimal digits. Null if there is no result.
     key: Option<String>,
     /// Seconds of each stage. Empty if nothing was baked.
@@ -92,6 +94,7 @@ impl JobReport {
         elapsed: Duration,
     ) -> Self {
         let (report, cached) = (outcome.result.report, outcome.is_cached);
+        let device = report.device().map(str::to_owned);
         let mut paths = written.levels.into_iter().map(|path| path.display().to_string());
         let levels = report.levels.into_iter().map(|report| Level { report, path: paths.next() }).collect();
         let mut seconds = BTreeMap::new();
@@ -116,6 +119,7 @@ impl JobReport {
             sheet: written.sheet.map(|path| path.display().to_string()),
             turntable: written.turntable.map(|path| path.display().to_string()),
             notes: report.notes,
+            device,
             key: Some(outcome.key.hex()),
             seconds,
             seconds_total: elapsed.as_secs_f64(),
@@ -135,6 +139,7 @@ impl JobReport {
             sheet: None,
             turntable: None,
             notes: Vec::new(),
+            device: None,
             key: None,
             seconds: BTreeMap::new(),
             seconds_total: elapsed.as_secs_f64(),
@@ -156,6 +161,9 @@ impl JobReport {
             return format!("failed\nerror: {}", Printable(error));
         }
         let mut text = format!("{} in {}", self.status.replace('_', " "), self.time());
+        if let Some(device) = &self.device {
+            text += &format!("\n  note: refined on {}", Printable(device));
+        }
         for miss in self.missed() {
             text += &format!("\nerror: {}", Printable(&miss.line(&self.input)));
         }

@@ -2,6 +2,7 @@
 
 use bytes::Bytes;
 
+use crate::refine::Device;
 use crate::{Cancellation, Error, Key, StageId};
 
 /// How far a bake is.
@@ -52,6 +53,9 @@ pub struct Context<'a> {
     /// Memory in bytes that the bake may take, estimated before it is allocated; `None` for that of
     /// [`ImportLimits`](crate::gltf::ImportLimits). Changes no byte of the result: a model that would take more is refused.
     pub memory: Option<u64>,
+    /// Refines the levels; the CPU does if there is none, or if it fails. It changes the result by rounding alone, and is part
+    /// of no key.
+    pub device: Option<&'a Device>,
 }
 
 impl Context<'_> {

@@ -14,7 +14,7 @@ use super::texture_sizes::LevelView;
 use crate::animation::Motions;
 use crate::data::{Atlas, Candidate, Influences, Level, TriMesh};
 use crate::geometry::{BoundingSphere, Topology};
-use crate::refine::{self, LowPoly, RefineParams, Refined, Skin, TexelGrid, TextureFit, ViewTarget};
+use crate::refine::{self, Backend, Cpu, LowPoly, RefineParams, Refined, Skin, TexelGrid, TextureFit, ViewTarget};
 use crate::render::SurfaceSample;
 use crate::settings::JointSplitting;
 use crate::simplify::{self, Selected, Shape};
@@ -135,6 +135,8 @@ struct Vertices {
     influences: Vec<Influences>,
     /// Gain of the refinement; `None` if the vertices were not moved.
     refined: Option<Refined>,
+    /// The GPU that moved them; `None` for the CPU.
+    device: Option<String>,
 }
 
 impl LevelTask<'_> {
@@ -217,22 +219,20 @@ impl LevelTask<'_> {
         let Textured { mut low, fit } = textured;
         let key =
             self.all.shapes.solid.key.map(|shapes| vertices_key(&shapes, &self.params, self.budget, self.is_runner_up));
-        let (positions, (influences, refined)) = self.run.stored(StageId::Refine, key, || {
-            let moved = self.move_vertices(low.clone(), fit, influences);
+        let (positions, (influences, (refined, device))) = self.run.stored(StageId::Refine, key, || {
+            let moved = self.move_vertices(&low, fit, influences);
             if let Some(key) = self.run.key(|| warm_start_key(&self.shape.mesh)) {
                 self.run.put(&key, &moved.low.positions);
             }
-            Ok((moved.low.positions, (moved.influences, moved.refined.unwrap_or_default())))
+            Ok((moved.low.positions, (moved.influences, (moved.refined.unwrap_or_default(), moved.device))))
         })?;
         low.positions = positions;
         let low = low.with_motions(self.motions(&influences));
-        Ok(Vertices { low, influences, refined: Some(refined) })
+        Ok(Vertices { low, influences, refined: Some(refined), device })
     }
 
-    fn move_vertices(&self, mut low: LowPoly, fit: Option<TextureFit>, influences: Vec<Influences>) -> Vertices {
+    fn move_vertices(&self, low: &LowPoly, fit: Option<TextureFit>, influences: Vec<Influences>) -> Vertices {
         let (index, refine) = (self.all.source.index, &self.params.refine);
-        let poses = index.poses.as_ref().filter(|_| refine.weights);
-        let mut skin = poses.map(|poses| Skin::new(poses, influences.clone()));
         // Views that nobody expected to be needed: an object of the store was lost meanwhile.
         let is_missing = self.all.views.half_resolution.is_none()
             && LevelParams::is_half_resolution(self.budget)
@@ -246,9 +246,30 @@ impl LevelTask<'_> {
             seed: index.seed ^ u64::from(self.budget),
         };
         let params = RefineParams { texture: fit, ..refine.vertices };
-        let refined = refine::refine(&mut low, skin.as_mut(), &target, &params, self.run.cancellation());
-        let influences = skin.map_or(influences, Skin::into_influences);
-        Vertices { low, influences, refined: Some(refined) }
+        // A device that fails leaves the whole level to the CPU, from its start.
+        let on_device = self.run.device().and_then(|device| {
+            let vertices = self.move_vertices_on(device, (low, &influences), &target, &params);
+            vertices.inspect_err(|error| self.run.give_up_device(device, error)).ok()
+        });
+        on_device.unwrap_or_else(|| {
+            let Ok(vertices) = self.move_vertices_on(&Cpu, (low, &influences), &target, &params);
+            Vertices { device: None, ..vertices }
+        })
+    }
+
+    fn move_vertices_on<E>(
+        &self,
+        backend: &dyn Backend<Error = E>,
+        (low, influences): (&LowPoly, &[Influences]),
+        target: &ViewTarget<'_>,
+        params: &RefineParams,
+    ) -> Result<Vertices, E> {
+        let poses = self.all.source.index.poses.as_ref().filter(|_| self.params.refine.weights);
+        let (mut low, mut skin) = (low.clone(), poses.map(|poses| Skin::new(poses, influences.to_vec())));
+        let cancellation = self.run.cancellation();
+        let refined = refine::refine((&mut low, skin.as_mut()), target, params, backend, cancellation)?;
+        let influences = skin.map_or_else(|| influences.to_vec(), Skin::into_influences);
+        Ok(Vertices { low, influences, refined: Some(refined), device: Some(backend.name().to_owned()) })
     }
 
     /// The shape as it is, without a texture. The vertices of a preview lie where an earlier bake has left them.
@@ -259,7 +280,7 @@ impl LevelTask<'_> {
         if let Some(positions) = moved.filter(|positions| positions.len() == low.positions.len()) {
             low.positions = positions;
         }
-        Vertices { low: low.with_motions(self.motions(&influences)), influences, refined: None }
+        Vertices { low: low.with_motions(self.motions(&influences)), influences, refined: None, device: None }
     }
 
     /// Splits the faces along the joint planes, if that comes last: the new faces keep their place in the atlas.
@@ -269,7 +290,7 @@ impl LevelTask<'_> {
         if !is_last || planes.is_empty() || self.shape.cards.is_some() || self.shape.mesh.triangles.is_empty() {
             return (vertices, atlas);
         }
-        let Vertices { low, mut influences, refined } = vertices;
+        let Vertices { low, mut influences, refined, device } = vertices;
         let model = self.all.source.index.model;
         let split = skinning::split_along(model, &low.mesh(), &influences, planes, self.budget as usize);
         influences.extend(self.influences(&split.mesh).into_iter().skip(influences.len()));
@@ -282,7 +303,7 @@ impl LevelTask<'_> {
         let atlas = Atlas { uvs, chart, ..atlas };
         let low = LowPoly::new(&split.mesh, &atlas, low.double_sided, low.texture);
         let low = low.with_motions(self.motions(&influences));
-        (Vertices { low, influences, refined }, atlas)
+        (Vertices { low, influences, refined, device }, atlas)
     }
 
     /// The level and its report, once its vertices are final.
@@ -299,7 +320,7 @@ impl LevelTask<'_> {
 
     /// Bakes the texture anew on the final vertices, and fits it to the views.
     fn final_texture(&self, vertices: Vertices, atlas: &Atlas, texture: &LevelTexture<'_>) -> Result<Finished, Error> {
-        let Vertices { mut low, influences, refined } = vertices;
+        let Vertices { mut low, influences, refined, device } = vertices;
         let cancellation = self.run.cancellation();
         let mut samples = texture.bake(&low.mesh(), self.shape.cards.as_ref(), cancellation);
         self.run.check()?;
@@ -315,7 +336,7 @@ impl LevelTask<'_> {
         let fitted = refine::fit_texture(&mut low, &self.all.views.aliased, fit.as_ref(), cancellation);
         self.run.check()?;
         let refined = Some(Refined { psnr: fitted.psnr, ..refined.unwrap_or(fitted) });
-        Ok(Finished { low, influences, samples, cut_out, refined })
+        Ok(Finished { low, influences, samples, cut_out, refined, device })
     }
 }
 

@@ -27,6 +27,7 @@ pub(super) struct Finished {
     /// Its outline is in its texture.
     pub(super) cut_out: bool,
     pub(super) refined: Option<Refined>,
+    pub(super) device: Option<String>,
 }
 
 /// A level on its way from layers to one mesh.
@@ -47,6 +48,8 @@ pub(super) struct WholeLevel {
     /// Faces of the solid layer.
     solid_faces: usize,
     refined: Option<Refined>,
+    /// The GPU that refined the vertices.
+    device: Option<String>,
 }
 
 /// A layer before its textures are made.
@@ -62,7 +65,7 @@ struct Layer {
 impl WholeLevel {
     /// The solid layer alone.
     pub(super) fn of_solid(task: &LevelTask<'_>, finished: Finished, atlas: &Atlas, texels: TexelMap) -> Self {
-        let Finished { low, influences, samples, cut_out, refined } = finished;
+        let Finished { low, influences, samples, cut_out, refined, device } = finished;
         let (source, mesh) = (task.all.source, low.mesh());
         let model = source.index.model;
         let layer = Layer {
@@ -85,6 +88,7 @@ impl WholeLevel {
             solid_faces: mesh.triangles.len(),
             mesh,
             refined,
+            device,
         }
     }
 
@@ -172,6 +176,7 @@ impl WholeLevel {
             clear: self.clear.clone(),
             lattices: self.lattices,
             refined: self.refined,
+            device: self.device.clone(),
             likeness: None,
             warning: None,
         }

@@ -106,7 +106,8 @@ fn bake_whole(source: &Source<'_>, settings: &BakeSettings, context: &Context<'_
     lattices::replace(source, &mut maker, &mut made)?;
     gate::raise(&params.gate, &mut maker, &mut made)?;
     gate::check(&params.gate, source.name, &made)?;
-    let Made { levels, reports, notes } = made;
+    let Made { levels, reports, mut notes } = made;
+    notes.extend(run.device_failure());
     let glb = export::export(&model, &levels, &params, &run)?;
     run.finish();
     let report = Report::baked(&model, reports, notes, params.maps.morphs, run.seconds());

@@ -45,6 +45,11 @@ impl Report {
         self.levels.iter().chain(self.objects.iter().flat_map(|object| &object.levels))
     }
 
+    /// The GPU on which levels were refined, if any was.
+    pub fn device(&self) -> Option<&str> {
+        self.all_levels().find_map(|level| level.device.as_deref())
+    }
+
     /// The report of a file that has levels now. `morphs` tells whether morph targets are transferred.
     pub(super) fn baked(
         model: &Model,
@@ -146,6 +151,9 @@ pub struct LevelReport {
     pub lattices: u32,
     /// Gain of the refinement, in dB over held-out views.
     pub refined: Option<Refined>,
+    /// The GPU on which its vertices were refined; `None` for the CPU.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub device: Option<String>,
     /// How much it looks like the source; `None` in a preview.
     pub likeness: Option<Likeness>,
     /// What is wrong, in words, if the likeness is below `warn_below`, or if the level misses one of its bars. It is also

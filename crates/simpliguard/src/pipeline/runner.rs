@@ -1,12 +1,13 @@
 //! Runs stages. Owns what every stage needs: cancellation, progress, seconds and the stage store.
 
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 use super::clock::Clock;
 use super::context::Context;
 use super::meter::Meter;
 use super::report::StageSeconds;
 use super::store::{Stored, decode, encode};
+use crate::refine::{Device, DeviceError};
 use crate::{Cancellation, Error, Key, PreviewSink, StageId, StageStore};
 
 /// The runner of one bake, or of one of its levels.
@@ -23,12 +24,23 @@ pub(crate) struct Runner<'a> {
     level: Option<usize>,
     /// Results are read from the store and put into it, if there is one.
     uses_store: bool,
+    /// The failure of the device, once it has failed.
+    device_failure: Arc<OnceLock<String>>,
 }
 
 impl<'a> Runner<'a> {
     pub(crate) fn new(asset: &'a str, context: &'a Context<'a>) -> Self {
         let meter = context.progress.map(|sink| Arc::new(Meter::new(sink)));
-        Self { asset, context, clock: Arc::default(), meter, preview: context.preview, level: None, uses_store: true }
+        Self {
+            asset,
+            context,
+            clock: Arc::default(),
+            meter,
+            preview: context.preview,
+            level: None,
+            uses_store: true,
+            device_failure: Arc::default(),
+        }
     }
 
     /// The runner of a level; levels count from 1.
@@ -71,6 +83,25 @@ impl<'a> Runner<'a> {
 
     pub(crate) fn cancellation(&self) -> &'a Cancellation {
         &self.context.cancellation
+    }
+
+    /// The device that refines levels, unless there is none or it has failed.
+    pub(crate) fn device(&self) -> Option<&'a Device> {
+        self.context.device.filter(|_| self.device_failure.get().is_none())
+    }
+
+    /// Does without the device from now on.
+    pub(crate) fn give_up_device(&self, device: &Device, error: &DeviceError) {
+        let name = device.name();
+        let warned = format!("the GPU '{name}' failed, and levels are refined on the CPU instead: {error}");
+        if self.device_failure.set(warned.clone()).is_ok() {
+            tracing::warn!(asset = self.asset, "{warned}");
+        }
+    }
+
+    /// What the user should know of the device, in words.
+    pub(crate) fn device_failure(&self) -> Option<String> {
+        self.device_failure.get().cloned()
     }
 
     /// Seconds of the stages that have run.

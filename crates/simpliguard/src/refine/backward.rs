@@ -2,6 +2,7 @@
 
 use glam::{Vec2, Vec3, Vec4, Vec4Swizzles};
 
+use super::backend::ViewGradient;
 use super::forward::FrameBuffers;
 use super::lookup::Lookup;
 use super::low_poly::LowPoly;
@@ -9,35 +10,37 @@ use super::silhouettes::Blend;
 use crate::render::raster::{pixel_to_ndc, to_pixels};
 use crate::render::{EMPTY_PIXEL, Image};
 
-/// Gradients of one view, reused from step to step.
+/// Gradients of one view on the way to its vertices or texels, reused from step to step.
 #[derive(Default)]
 pub(super) struct Gradients {
     /// At the pixels before antialiasing.
     base: Vec<Vec4>,
     /// In clip space: x, y, w of each vertex (depth carries none).
     clip: Vec<Vec3>,
-    /// In world space, in the pose of the view.
-    pub(super) posed: Vec<Vec3>,
-    /// In world space, in the rest pose.
-    pub(super) positions: Vec<Vec3>,
     /// At the texels; zero in their fourth slot.
     pub(super) texels: Vec<Vec4>,
 }
 
 impl Gradients {
     /// Carries `image`, the gradient at the antialiased pixels within `frame.rect`, to the vertices.
-    pub(super) fn backward_to_vertices(&mut self, low: &LowPoly, frame: &FrameBuffers, image: &[Vec4]) {
+    pub(super) fn backward_to_vertices(
+        &mut self,
+        low: &LowPoly,
+        frame: &FrameBuffers,
+        image: &[Vec4],
+        ViewGradient { posed, positions, .. }: &mut ViewGradient,
+    ) {
         self.clip.clear();
         self.clip.resize(low.positions.len(), Vec3::ZERO);
         self.backward_blends(frame, image);
         self.backward_shading(low, frame);
         let transposed = frame.view_projection.transpose();
-        self.posed.clear();
+        posed.clear();
         let to_world = |g: &Vec3| (transposed * Vec4::new(g.x, g.y, 0.0, g.z)).xyz();
-        self.posed.extend(self.clip.iter().map(to_world));
-        self.positions.clone_from(&self.posed);
+        posed.extend(self.clip.iter().map(to_world));
+        positions.clone_from(posed);
         if let Some(motions) = low.motions.of(frame.pose) {
-            for (gradient, motion) in self.positions.iter_mut().zip(motions) {
+            for (gradient, motion) in positions.iter_mut().zip(motions) {
                 *gradient = motion.matrix3.transpose() * *gradient;
             }
         }

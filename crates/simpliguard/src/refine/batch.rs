@@ -1,43 +1,23 @@
 //! The views of one optimisation step.
 
-use super::backward::Gradients;
-use super::covered_views::CoveredViews;
-use super::forward::FrameBuffers;
-use super::losses::ImageLoss;
+use super::backend::BATCH;
 use super::view_order::ViewOrder;
 
-/// Views a step.
-pub(super) const BATCH: usize = 2;
-
-/// Everything that one view of a batch needs, reused from step to step.
-pub(super) struct BatchSlot {
-    /// Index of the view.
-    pub(super) view: usize,
-    pub(super) frame: FrameBuffers,
-    pub(super) loss: ImageLoss,
-    pub(super) gradients: Gradients,
-}
-
-/// The slots of a batch, and the order in which views enter them.
+/// The views of a step, in random order from step to step.
 pub(super) struct Batch {
-    pub(super) slots: [BatchSlot; BATCH],
+    /// Indices of the views.
+    pub(super) views: [usize; BATCH],
     order: ViewOrder,
 }
 
 impl Batch {
-    /// A batch of views out of `views`, in the order that `seed` gives.
-    pub(super) fn new(views: &CoveredViews<'_>, seed: u64) -> Self {
-        let slot = |_| BatchSlot {
-            view: 0,
-            frame: FrameBuffers::new(views.size()),
-            loss: ImageLoss::default(),
-            gradients: Gradients::default(),
-        };
-        Self { slots: std::array::from_fn(slot), order: ViewOrder::new(views.len(), seed) }
+    /// A batch out of `views` views, in the order that `seed` gives.
+    pub(super) fn new(views: usize, seed: u64) -> Self {
+        Self { views: [0; BATCH], order: ViewOrder::new(views, seed) }
     }
 
     /// Chooses the views of the next step.
     pub(super) fn draw(&mut self) {
-        self.slots.iter_mut().for_each(|slot| slot.view = self.order.next());
+        self.views.iter_mut().for_each(|view| *view = self.order.next());
     }
 }

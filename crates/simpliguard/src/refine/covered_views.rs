@@ -1,18 +1,25 @@
 use crate::render::{Image, Rect, View};
 
 /// Views with the pixels that the source covers in each.
-pub(super) struct CoveredViews<'a> {
-    pub(super) views: Vec<&'a View>,
+#[derive(Clone)]
+pub struct CoveredViews<'a> {
+    /// The views, all of one size.
+    pub views: Vec<&'a View>,
     /// Rectangle around the pixels that the source touches, one a view.
-    pub(super) rects: Vec<Rect>,
-    /// Weight of a pixel when textures are fitted.
-    pub(super) pixel_weight: f32,
+    pub rects: Vec<Rect>,
+    /// The views are not antialiased: each pixel is one point, in the views as in the level's image, and they are scored by
+    /// the means of four.
+    pub(super) aliased: bool,
 }
 
+/// Weight of a pixel of a view without antialiasing: four of them lie in one of an antialiased view.
+const ALIASED_PIXEL_WEIGHT: f32 = 0.25;
+
 impl<'a> CoveredViews<'a> {
-    pub(super) fn new(views: Vec<&'a View>) -> Self {
+    /// Antialiased views.
+    pub fn new(views: Vec<&'a View>) -> Self {
         let rects = views.iter().map(|view| covered_rect(&view.image)).collect();
-        Self { views, rects, pixel_weight: 1.0 }
+        Self { views, rects, aliased: false }
     }
 
     /// One view in `stride`, from the first.
@@ -21,13 +28,18 @@ impl<'a> CoveredViews<'a> {
         Self { views, rects: self.rects.iter().copied().step_by(stride).collect(), ..*self }
     }
 
+    /// Weight of a pixel when textures are fitted.
+    pub(super) fn pixel_weight(&self) -> f32 {
+        if self.aliased { ALIASED_PIXEL_WEIGHT } else { 1.0 }
+    }
+
     /// Number of views.
     pub(super) fn len(&self) -> usize {
         self.views.len()
     }
 
     /// Side of the views in pixels; zero without views.
-    pub(super) fn size(&self) -> usize {
+    pub fn size(&self) -> usize {
         self.views.first().map_or(0, |view| view.image.size)
     }
 }

@@ -3,6 +3,7 @@
 
 use glam::{Affine3A, Vec2, Vec3, Vec4};
 
+use super::backend::ViewGradient;
 use super::backward::Gradients;
 use super::forward::FrameBuffers;
 use super::losses::ImageLoss;
@@ -88,8 +89,8 @@ fn loss(low: &LowPoly, target: &Image, background: f32, lambda: f32) -> (f64, Fr
 fn compare(background: f32, lambda: f32) -> (f64, f64) {
     let (mut low, target) = (sphere(4), target());
     let (_, frame, run) = loss(&low, &target, background, lambda);
-    let mut gradients = Gradients::default();
-    gradients.backward_to_vertices(&low, &frame, &run.gradient);
+    let mut gradients = ViewGradient::default();
+    Gradients::default().backward_to_vertices(&low, &frame, &run.gradient, &mut gradients);
     let mut order: Vec<usize> = (0..low.positions.len()).collect();
     let length = |v: &usize| gradients.positions[*v].length();
     order.sort_by(|a, b| length(b).total_cmp(&length(a)));
@@ -173,8 +174,8 @@ fn gradients_in_a_pose_are_those_at_rest_turned_back() {
         frame.render(low, &camera(), pose, all());
         let mut loss = ImageLoss::default();
         loss.run(&frame, &target, 1.0, 0.5);
-        let mut gradients = Gradients::default();
-        gradients.backward_to_vertices(low, &frame, &loss.gradient);
+        let mut gradients = ViewGradient::default();
+        Gradients::default().backward_to_vertices(low, &frame, &loss.gradient, &mut gradients);
         gradients.positions
     };
     let still = sphere(4);

@@ -10,7 +10,7 @@ use crate::render::fill_unknown;
 /// Alpha at which a cut-out begins.
 pub(super) const CUTOFF: f32 = 0.5;
 /// Marks an edge that no other triangle shares.
-pub(super) const NO_NEIGHBOUR: u32 = u32::MAX;
+pub const NO_NEIGHBOUR: u32 = u32::MAX;
 
 /// A square texture that is fitted to the views.
 #[derive(Clone, Debug)]
@@ -59,8 +59,8 @@ pub struct LowPoly {
     pub triangles: Vec<[u32; 3]>,
     /// Texture coordinates of each corner in texels, origin top left, centre of the first texel at 0.5.
     pub uvs: Vec<[Vec2; 3]>,
-    /// Triangle across edge `k` (corners `k` and `k + 1`), or `NO_NEIGHBOUR`.
-    pub(super) neighbours: Vec<[u32; 3]>,
+    /// Triangle across edge `k` (corners `k` and `k + 1`), or [`NO_NEIGHBOUR`].
+    pub neighbours: Vec<[u32; 3]>,
     /// Back faces are drawn.
     pub double_sided: bool,
     /// Fitted to the views.

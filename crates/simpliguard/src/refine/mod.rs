@@ -8,11 +8,15 @@
 //! on the texture (`texture_adam`) is there to compare with.
 //!
 //! Colours are sRGB encoded here: errors then weigh as they are seen.
+//!
+//! Pictures of the level are made by a [`Backend`]: [`Cpu`] in this crate, GPUs in `simpliguard_gpu`.
 
+mod backend;
 mod backward;
 mod batch;
 mod constraints;
 mod covered_views;
+mod cpu;
 mod forward;
 #[cfg(test)]
 mod gradient_tests;
@@ -34,7 +38,10 @@ mod variables;
 mod view_order;
 mod view_target;
 
-pub use low_poly::{LowPoly, TexelGrid};
+pub use backend::{BATCH, Backend, Device, DeviceError, Drawing, LevelRenderer, LossTerms, ViewGradient};
+pub use covered_views::CoveredViews;
+pub use cpu::Cpu;
+pub use low_poly::{LowPoly, NO_NEIGHBOUR, TexelGrid};
 pub use params::{RefineParams, Solver, TextureAdam, TextureFit};
 pub use skin::Skin;
 pub use view_target::ViewTarget;
@@ -60,21 +67,24 @@ pub struct Refined {
 /// start.
 ///
 /// Ends early if cancelled: `low` and `skin` are then valid but unfinished, for the caller to discard.
-pub fn refine(
-    low: &mut LowPoly,
-    skin: Option<&mut Skin<'_>>,
+///
+/// # Errors
+/// If the device fails. `low` and `skin` are then unfinished too.
+pub fn refine<E>(
+    (low, skin): (&mut LowPoly, Option<&mut Skin<'_>>),
     target: &ViewTarget<'_>,
     params: &RefineParams,
+    backend: &dyn Backend<Error = E>,
     cancellation: &Cancellation,
-) -> Refined {
-    let split = TrainValidationSplit::new(target.views, cancellation);
-    let refined = fit_texture_to(&split, low, params.texture.as_ref());
+) -> Result<Refined, E> {
+    let mut split = TrainValidationSplit::new(target.views, low, backend, cancellation)?;
+    let refined = fit_texture_to(&mut split, low, params.texture.as_ref())?;
     if params.steps == 0 || low.triangles.is_empty() {
-        return refined;
+        return Ok(refined);
     }
-    let optimisation = Optimisation::new(low, target, params, cancellation);
-    let psnr = optimisation.run(Variables { low, skin }, &split, refined.psnr);
-    Refined { psnr, ..refined }
+    let optimisation = Optimisation::new(low, target, params, backend, cancellation);
+    let psnr = optimisation.run(Variables { low, skin }, &mut split, refined.psnr)?;
+    Ok(Refined { psnr, ..refined })
 }
 
 /// Fits the texture alone, to views without antialiasing: an antialiased pixel shows more texels than one lookup mixes, and
@@ -88,7 +98,8 @@ pub fn fit_texture(
     fit: Option<&TextureFit>,
     cancellation: &Cancellation,
 ) -> Refined {
-    fit_texture_to(&TrainValidationSplit::aliased(views, cancellation), low, fit)
+    let Ok(refined) = fit_texture_to(&mut TrainValidationSplit::aliased(views, cancellation), low, fit);
+    refined
 }
 
 /// Fits the outlines of a cut-out to views without antialiasing. Keeps those it has if the fitted ones do not match the views
@@ -99,10 +110,11 @@ pub fn fit_opacity(low: &mut LowPoly, views: &[View], cancellation: &Cancellatio
     if low.texture.opacity.is_empty() {
         return;
     }
-    let split = TrainValidationSplit::aliased(views, cancellation);
-    let (initial, before) = (low.texture.opacity.clone(), split.score(low));
+    let mut split = TrainValidationSplit::aliased(views, cancellation);
+    let (initial, Ok(before)) = (low.texture.opacity.clone(), split.score(low));
     opacity::fit_opacity(low, &split.train, cancellation);
-    if split.score(low) <= before {
+    let Ok(after) = split.score(low);
+    if after <= before {
         low.texture.opacity = initial;
     }
 }
@@ -111,16 +123,20 @@ pub fn fit_opacity(low: &mut LowPoly, views: &[View], cancellation: &Cancellatio
 /// a smaller gain is lost under other filters.
 const CUT_OUT_GAIN: f32 = 0.25;
 
-fn fit_texture_to(split: &TrainValidationSplit<'_>, low: &mut LowPoly, fit: Option<&TextureFit>) -> Refined {
-    let psnr_initial = split.score(low);
-    let Some(fit) = fit else { return Refined { psnr_initial, psnr_texture: psnr_initial, psnr: psnr_initial } };
+fn fit_texture_to<E>(
+    split: &mut TrainValidationSplit<'_, E>,
+    low: &mut LowPoly,
+    fit: Option<&TextureFit>,
+) -> Result<Refined, E> {
+    let psnr_initial = split.score(low)?;
+    let Some(fit) = fit else { return Ok(Refined { psnr_initial, psnr_texture: psnr_initial, psnr: psnr_initial }) };
     let initial = low.texture.texels.clone();
-    split.fit_texture(low, Some(fit));
-    let psnr_texture = split.score(low);
+    split.fit_texture(low, Some(fit))?;
+    let psnr_texture = split.score(low)?;
     let least_gain = if low.texture.opacity.is_empty() { 0.0 } else { CUT_OUT_GAIN };
     if psnr_texture < psnr_initial + least_gain {
         low.texture.texels = initial;
-        return Refined { psnr_initial, psnr_texture, psnr: psnr_initial };
+        return Ok(Refined { psnr_initial, psnr_texture, psnr: psnr_initial });
     }
-    Refined { psnr_initial, psnr_texture, psnr: psnr_texture }
+    Ok(Refined { psnr_initial, psnr_texture, psnr: psnr_texture })
 }

@@ -4,11 +4,10 @@
 //! pixel's gradient reaches twice as far.
 
 use glam::{Vec3, Vec4};
-use rayon::prelude::*;
 
-use super::batch::{BATCH, Batch, BatchSlot};
+use super::backend::{BATCH, Backend, LossTerms, ViewGradient};
+use super::batch::Batch;
 use super::constraints::Constraints;
-use super::covered_views::CoveredViews;
 use super::losses::{Regularisation, SourceDistance};
 use super::low_poly::LowPoly;
 use super::optimizer::Adam;
@@ -29,10 +28,13 @@ const WEIGHT_RATE: f32 = 0.01;
 const LAST_STEP: f32 = 0.03;
 
 /// The state of the optimisation over all steps, of both resolutions.
-pub(super) struct Optimisation<'a> {
+pub(super) struct Optimisation<'a, E> {
+    backend: &'a dyn Backend<Error = E>,
     target: &'a ViewTarget<'a>,
     params: &'a RefineParams,
     cancellation: &'a Cancellation,
+    /// Gradients of the views of a step.
+    gradients: [ViewGradient; BATCH],
     constraints: Constraints,
     regularisation: Regularisation,
     distance: SourceDistance<'a>,
@@ -48,21 +50,24 @@ pub(super) struct Optimisation<'a> {
     step: u32,
 }
 
-impl<'a> Optimisation<'a> {
+impl<'a, E> Optimisation<'a, E> {
     /// Begins at `low`, whose faces the constraints compare later ones with.
     pub(super) fn new(
         low: &LowPoly,
         target: &'a ViewTarget<'a>,
         params: &'a RefineParams,
+        backend: &'a dyn Backend<Error = E>,
         cancellation: &'a Cancellation,
     ) -> Self {
         let (vertices, edge) = (low.positions.len(), low.mean_edge());
         let laplacian_weight = params.laplacian_weight / (target.radius * target.radius);
         let distance_weight = params.distance_weight / (edge * edge);
         Self {
+            backend,
             target,
             params,
             cancellation,
+            gradients: Default::default(),
             constraints: Constraints::new(low),
             regularisation: match Regularisation::new(low, laplacian_weight, params.normal_weight) {
                 of_positions if params.laplacian_of_positions => of_positions.of_positions(),
@@ -81,12 +86,17 @@ impl<'a> Optimisation<'a> {
 
     /// Takes the first steps at half the resolution, the rest at full resolution. Returns the PSNR at the end, having begun
     /// at `psnr`.
-    pub(super) fn run(mut self, mut variables: Variables<'_, '_>, split: &TrainValidationSplit<'_>, psnr: f32) -> f32 {
+    pub(super) fn run(
+        mut self,
+        mut variables: Variables<'_, '_>,
+        split: &mut TrainValidationSplit<'_, E>,
+        psnr: f32,
+    ) -> Result<f32, E> {
         let RefineParams { steps, coarse, .. } = *self.params;
         let coarse = if self.target.half_resolution.is_empty() { 0 } else { (coarse * steps as f32) as u32 };
         let psnr = match coarse {
             0 => psnr,
-            _ => self.optimise_coarse(&mut variables, split, coarse, psnr),
+            _ => self.optimise_coarse(&mut variables, split, coarse, psnr)?,
         };
         self.optimise(&mut variables, split, steps - coarse, psnr)
     }
@@ -96,30 +106,31 @@ impl<'a> Optimisation<'a> {
     fn optimise_coarse(
         &mut self,
         variables: &mut Variables<'_, '_>,
-        split: &TrainValidationSplit<'_>,
+        split: &mut TrainValidationSplit<'_, E>,
         steps: u32,
         psnr: f32,
-    ) -> f32 {
+    ) -> Result<f32, E> {
         let start = BestIterate::new(psnr, variables);
-        let half_split = TrainValidationSplit::new(self.target.half_resolution, self.cancellation)
-            .fitting_texture_to(COARSE_FIT_VIEWS);
         let mut half = variables.low.halved();
-        half_split.fit_texture(&mut half, self.params.texture.as_ref());
-        let half_psnr = half_split.score(&half);
+        let mut half_split =
+            TrainValidationSplit::new(self.target.half_resolution, &half, self.backend, self.cancellation)?
+                .fitting_texture_to(COARSE_FIT_VIEWS);
+        half_split.fit_texture(&mut half, self.params.texture.as_ref())?;
+        let half_psnr = half_split.score(&half)?;
         let views = split.train.len() as f32 / half_split.train.len().max(1) as f32;
         self.distance.set_weight(self.distance_weight * views);
         let mut half_variables = Variables { low: &mut half, skin: variables.skin.as_deref_mut() };
-        self.optimise(&mut half_variables, &half_split, steps, half_psnr);
+        self.optimise(&mut half_variables, &mut half_split, steps, half_psnr)?;
         self.distance.set_weight(self.distance_weight);
         let low = &mut *variables.low;
         (low.positions, low.motions) = (half.positions, half.motions);
-        split.fit_texture(low, self.params.texture.as_ref());
-        let psnr = split.score(low);
+        split.fit_texture(low, self.params.texture.as_ref())?;
+        let psnr = split.score(low)?;
         if psnr > start.psnr {
-            return psnr;
+            return Ok(psnr);
         }
         start.restore(variables);
-        start.psnr
+        Ok(start.psnr)
     }
 
     /// Takes `steps` steps against the training views, and goes back to the best iterate. Returns its PSNR, having begun at
@@ -127,23 +138,23 @@ impl<'a> Optimisation<'a> {
     fn optimise(
         &mut self,
         variables: &mut Variables<'_, '_>,
-        split: &TrainValidationSplit<'_>,
+        split: &mut TrainValidationSplit<'_, E>,
         steps: u32,
         psnr: f32,
-    ) -> f32 {
+    ) -> Result<f32, E> {
         let cancellation = self.cancellation;
-        let mut batch = Batch::new(&split.train, self.target.seed);
+        let mut batch = Batch::new(split.train.len(), self.target.seed);
         let mut best = BestIterate::new(psnr, variables);
         for step in (1..=steps).take_while(|_| !cancellation.is_cancelled()) {
             batch.draw();
-            self.step(variables, &split.train, &mut batch.slots);
+            self.step(variables, split, batch.views)?;
             if !step.is_multiple_of(FIT_EVERY) && step < steps {
                 continue;
             }
             self.constraints.roll_back_invalid_steps(variables.low);
             variables.update_all_motions();
-            split.fit_texture(variables.low, self.params.texture.as_ref());
-            let psnr = split.score(variables.low);
+            split.fit_texture(variables.low, self.params.texture.as_ref())?;
+            let psnr = split.score(variables.low)?;
             tracing::trace!(step = self.step, size = split.train.size(), psnr, "refine");
             if psnr > best.psnr {
                 best = BestIterate::new(psnr, variables);
@@ -151,55 +162,46 @@ impl<'a> Optimisation<'a> {
             self.distance.find_planes(variables.low);
         }
         best.restore(variables);
-        best.psnr
+        Ok(best.psnr)
     }
 
-    /// One step of the vertices and the skin weights, by the views in `slots`.
-    fn step(&mut self, variables: &mut Variables<'_, '_>, views: &CoveredViews<'_>, slots: &mut [BatchSlot; BATCH]) {
+    /// One step of the vertices and the skin weights, by these views.
+    fn step(
+        &mut self,
+        variables: &mut Variables<'_, '_>,
+        split: &mut TrainValidationSplit<'_, E>,
+        views: [usize; BATCH],
+    ) -> Result<(), E> {
         self.step += 1;
-        slots.iter().for_each(|slot| variables.update_motions(views.views[slot.view].pose));
-        self.differentiate(variables.low, views, slots);
-        let Variables { low, skin } = variables;
-        if let Some(skin) = skin {
-            self.step_weights(skin, &low.positions, views, slots);
-        }
-        self.step_vertices(low, slots);
-        self.rate *= self.decay;
-        self.weight_rate *= self.decay;
-    }
-
-    /// Renders the views in `slots` and carries the image loss back to the vertices.
-    fn differentiate(&self, low: &LowPoly, views: &CoveredViews<'_>, slots: &mut [BatchSlot; BATCH]) {
+        let poses = views.map(|view| split.train.views[view].pose);
+        poses.iter().for_each(|pose| variables.update_motions(*pose));
         // Black and white by turns: a vertex that fits both fits the outline, not the background.
         let background = if self.step.is_multiple_of(2) { 1.0 } else { 0.0 };
-        slots.par_iter_mut().with_max_len(1).for_each(|slot| {
-            let (view, rect) = (views.views[slot.view], views.rects[slot.view]);
-            slot.frame.render(low, &view.camera, view.pose, rect);
-            slot.loss.run(&slot.frame, &view.image, background, self.params.gradient_weight);
-            slot.gradients.backward_to_vertices(low, &slot.frame, &slot.loss.gradient);
-        });
+        let terms = LossTerms { background, gradient_weight: self.params.gradient_weight };
+        split.train_renderer.differentiate(variables.low, views, terms, &mut self.gradients)?;
+        let Variables { low, skin } = variables;
+        if let Some(skin) = skin {
+            self.step_weights(skin, &low.positions, poses);
+        }
+        self.step_vertices(low);
+        self.rate *= self.decay;
+        self.weight_rate *= self.decay;
+        Ok(())
     }
 
-    fn step_weights(
-        &mut self,
-        skin: &mut Skin<'_>,
-        positions: &[Vec3],
-        views: &CoveredViews<'_>,
-        slots: &[BatchSlot; BATCH],
-    ) {
+    fn step_weights(&mut self, skin: &mut Skin<'_>, positions: &[Vec3], poses: [Option<usize>; BATCH]) {
         let mut gradient = vec![Vec4::ZERO; positions.len()];
-        for slot in slots {
-            let (pose, posed) = (views.views[slot.view].pose, &slot.gradients.posed);
-            let posed = PosedGradient { pose, posed, factor: 1.0 / BATCH as f32 };
+        for (view, pose) in self.gradients.iter().zip(poses) {
+            let posed = PosedGradient { pose, posed: &view.posed, factor: 1.0 / BATCH as f32 };
             skin.add_gradient(&posed, positions, &mut gradient);
         }
         skin.step(&mut self.weight_adam, gradient, self.weight_rate);
     }
 
-    fn step_vertices(&mut self, low: &mut LowPoly, slots: &[BatchSlot; BATCH]) {
+    fn step_vertices(&mut self, low: &mut LowPoly) {
         let mut gradient = vec![Vec3::ZERO; low.positions.len()];
-        for slot in slots {
-            gradient.iter_mut().zip(&slot.gradients.positions).for_each(|(a, b)| *a += *b / BATCH as f32);
+        for view in &self.gradients {
+            gradient.iter_mut().zip(&view.positions).for_each(|(a, b)| *a += *b / BATCH as f32);
         }
         self.regularisation.add_gradient(&low.positions, &mut gradient);
         self.distance.add_gradient(low, &mut gradient);

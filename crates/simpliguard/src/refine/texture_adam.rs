@@ -6,8 +6,10 @@
 use glam::{Vec2, Vec4};
 use rayon::prelude::*;
 
-use super::batch::{BATCH, Batch};
+use super::backend::BATCH;
+use super::batch::Batch;
 use super::covered_views::CoveredViews;
+use super::cpu::BatchSlot;
 use super::lookup::Lookup;
 use super::low_poly::{LowPoly, TexelGrid};
 use super::optimizer::Adam;
@@ -36,7 +38,8 @@ pub(super) fn optimise_texture(
     if views.len() == 0 {
         return;
     }
-    let (mut batch, mut random) = (Batch::new(views, SEED), Random::new(SEED));
+    let (mut batch, mut random) = (Batch::new(views.len(), SEED), Random::new(SEED));
+    let mut slots: [BatchSlot; BATCH] = std::array::from_fn(|_| BatchSlot::new(views.size()));
     let mut adam = Adam::new(4 * low.texture.texels.len());
     let (initial, mut seen) = (low.texture.texels.clone(), low.texture.covered.clone());
     let mut rate = RATE;
@@ -46,9 +49,9 @@ pub(super) fn optimise_texture(
     let mut gradient = vec![Vec4::ZERO; low.texture.texels.len()];
     for _ in (0..params.steps).take_while(|_| !cancellation.is_cancelled()) {
         batch.draw();
-        differentiate(low, views, &mut batch, params.gradient_weight);
+        differentiate(low, views, (batch.views, &mut slots), params.gradient_weight);
         gradient.fill(Vec4::ZERO);
-        for slot in &batch.slots {
+        for slot in &slots {
             gradient.iter_mut().zip(&slot.gradients.texels).for_each(|(a, b)| *a += *b / BATCH as f32);
         }
         seen.iter_mut().zip(&gradient).for_each(|(seen, g)| *seen |= *g != Vec4::ZERO);
@@ -67,10 +70,15 @@ pub(super) fn optimise_texture(
 }
 
 /// Renders the views of the batch and carries the image loss back to the texels.
-fn differentiate(low: &LowPoly, views: &CoveredViews<'_>, batch: &mut Batch, gradient_weight: f32) {
-    batch.slots.par_iter_mut().with_max_len(1).for_each(|slot| {
-        let view = views.views[slot.view];
-        slot.frame.render(low, &view.camera, view.pose, views.rects[slot.view]);
+fn differentiate(
+    low: &LowPoly,
+    views: &CoveredViews<'_>,
+    (batch, slots): ([usize; BATCH], &mut [BatchSlot; BATCH]),
+    gradient_weight: f32,
+) {
+    slots.par_iter_mut().zip(batch).with_max_len(1).for_each(|(slot, index)| {
+        let view = views.views[index];
+        slot.frame.render(low, &view.camera, view.pose, views.rects[index]);
         slot.loss.run(&slot.frame, &view.image, 0.0, gradient_weight);
         slot.gradients.backward_to_texels(low, &slot.frame, &view.image, &slot.loss.gradient);
     });

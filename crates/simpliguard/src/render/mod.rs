@@ -21,7 +21,7 @@ pub use dilate::{dilate, fill_unknown};
 pub(crate) use image::difference_over;
 pub use image::{Image, decibels};
 pub use opacity::{Opacity, alpha_range, shown_fraction};
-pub use raster::{EMPTY_PIXEL, Raster, Rect};
+pub use raster::{EMPTY_PIXEL, Raster, Rect, to_pixels};
 pub use renderer::Renderer;
 pub use shader::Light;
 pub use surface_sampler::{Footprint, SurfaceSample, SurfaceSampler};

@@ -60,7 +60,7 @@ impl Rect {
 /// From clip space to pixels of a square image: pixel centres are at whole numbers, row 0 is at the bottom, z is the
 /// depth.
 #[inline]
-pub(crate) fn to_pixels(clip: Vec4, size: usize) -> Vec3 {
+pub fn to_pixels(clip: Vec4, size: usize) -> Vec3 {
     let inverse = 1.0 / clip.w;
     let half = 0.5 * size as f32;
     Vec3::new(clip.x * inverse * half + half - 0.5, clip.y * inverse * half + half - 0.5, clip.z * inverse)

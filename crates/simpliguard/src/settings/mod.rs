@@ -39,7 +39,9 @@ pub use fields::{BakeOverrides, BakeSettings, ObjectRule, reference};
 pub use meta::parse_meta;
 pub(crate) use object_rules::{MatchingRules, RuleMatcher};
 pub use overrides::parse_overrides;
-pub use project::{BakeMode, BakePriority, CacheSettings, ProjectFile, ProjectSettings, Rule, parse_cache_size};
+pub use project::{
+    BackendChoice, BakeMode, BakePriority, CacheSettings, ProjectFile, ProjectSettings, Rule, parse_cache_size,
+};
 pub use resolve::{Effective, Layer, Origin, Resolved, resolve};
 pub use target::Target;
 pub use texture_size::TextureSize;

@@ -5,8 +5,8 @@ use std::num::NonZeroU32;
 
 use bytesize::ByteSize;
 use globset::GlobMatcher;
-use serde::Deserialize;
 use serde::de::{Deserializer, Error as _};
+use serde::{Deserialize, Serialize};
 
 use super::fields::BakeOverrides;
 use super::resolve::{Layer, Origin};
@@ -23,6 +23,7 @@ use crate::data::compile_glob;
 ///     profiles: {"vr": (quality: Best)},
 ///     cache: (dir: "cache", max_size: "5 GiB"),
 ///     plugin: (mode: Progressive, threads: 2),
+///     backend: Auto,
 /// )
 /// ```
 #[derive(Clone, Debug, Default)]
@@ -34,11 +35,11 @@ pub struct ProjectFile {
     pub rules: Vec<Rule>,
     /// Overrides for a platform or a purpose, chosen by name.
     pub profiles: BTreeMap<String, BakeOverrides>,
-    /// Settings that never change a byte of the output. They are part of no key.
+    /// Settings that are part of no key.
     pub project: ProjectSettings,
 }
 
-/// Settings of a project that never change a byte of the output.
+/// Settings of a project that never change a byte of the output, or, as the backend, by rounding alone.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct ProjectSettings {
     /// The cache of results.
@@ -51,6 +52,20 @@ pub struct ProjectSettings {
     pub priority: Option<BakePriority>,
     /// True if a game bakes in processes of their own.
     pub isolate: Option<bool>,
+    /// The processor that refines levels.
+    pub backend: Option<BackendChoice>,
+}
+
+/// The processor that refines levels.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub enum BackendChoice {
+    /// A GPU, if the machine has one, else the CPU.
+    #[default]
+    Auto,
+    /// The CPU. It gives the same bytes on every machine.
+    Cpu,
+    /// A GPU, and the CPU with a warning if there is none.
+    Gpu,
 }
 
 /// The places and the size of the cache.
@@ -131,6 +146,8 @@ struct Contents {
     profiles: BTreeMap<String, BakeOverrides>,
     cache: CacheSettings,
     plugin: PluginContents,
+    #[serde(with = "serde_with::rust::unwrap_or_skip")]
+    backend: Option<BackendChoice>,
 }
 
 /// Smallest size of a cache. With less, the unit is probably missing.
@@ -173,9 +190,9 @@ impl ProjectFile {
     /// # Errors
     /// If the text is malformed, or names a field or a value that does not exist.
     pub fn parse(text: &str, file: &str) -> Result<Self, Error> {
-        let Contents { defaults, rules, profiles, cache, plugin } = parse(text, file)?;
+        let Contents { defaults, rules, profiles, cache, plugin, backend } = parse(text, file)?;
         let PluginContents { mode, threads, priority, isolate } = plugin;
-        let project = ProjectSettings { cache, mode, threads, priority, isolate };
+        let project = ProjectSettings { cache, mode, threads, priority, isolate, backend };
         Ok(Self { file: file.to_owned(), defaults, rules, profiles, project })
     }
 
@@ -220,6 +237,7 @@ mod tests {
         profiles: {"vr": (quality: Best)},
         cache: (dir: "../cache", max_size: "1.5 GiB", shared: "s3://levels", shared_read_only: true),
         plugin: (mode: Blocking, threads: 3, priority: Low, isolate: true),
+        backend: Gpu,
     )"#;
 
     #[test]
@@ -241,6 +259,7 @@ mod tests {
         assert!(file.project.cache.shared_read_only);
         assert_eq!((file.project.mode, file.project.threads), (Some(BakeMode::Blocking), NonZeroU32::new(3)));
         assert_eq!((file.project.priority, file.project.isolate), (Some(BakePriority::Low), Some(true)));
+        assert_eq!(file.project.backend, Some(BackendChoice::Gpu));
     }
 
     #[test]

@@ -8,7 +8,7 @@ use std::sync::mpsc::{self, Receiver, RecvTimeoutError};
 use std::thread;
 use std::time::{Duration, Instant};
 
-use simpliguard::settings::BakeSettings;
+use simpliguard::settings::{BackendChoice, BakeSettings};
 use simpliguard::{Context, Error, Progress, Source, StageId};
 use simpliguard_cache::Cache;
 
@@ -61,11 +61,11 @@ impl Isolation {
     /// Those of the pipeline; [`Error::Invalid`] if the child ended without a result, as by a crash or for lack of memory.
     pub(crate) fn bake(
         &self,
-        bake: (&Source<'_>, &BakeSettings, Parts<'_>, Option<&Cache>),
-        context: &Context<'_>,
-        host: &impl Host,
+        bake: (&Source<'_>, &BakeSettings, Option<&Cache>),
+        terms: (Parts<'_>, BackendChoice),
+        (context, host): (&Context<'_>, &impl Host),
     ) -> Result<Option<BakeResult>, Error> {
-        match self.try_bake(bake, context, host) {
+        match self.try_bake(bake, terms, (context, host)) {
             Ok(result) => Ok(Some(result)),
             Err(Stop::Failed(error)) => Err(error),
             Err(Stop::NoChild(error)) => {
@@ -77,9 +77,9 @@ impl Isolation {
 
     fn try_bake(
         &self,
-        (source, settings, parts, cache): (&Source<'_>, &BakeSettings, Parts<'_>, Option<&Cache>),
-        context: &Context<'_>,
-        host: &impl Host,
+        (source, settings, cache): (&Source<'_>, &BakeSettings, Option<&Cache>),
+        (parts, backend): (Parts<'_>, BackendChoice),
+        (context, host): (&Context<'_>, &impl Host),
     ) -> Result<BakeResult, Stop> {
         let folder = tempfile::Builder::new().prefix("simpliguard-").tempdir().map_err(Stop::NoChild)?;
         let mut child = Running::start(self).map_err(Stop::NoChild)?;
@@ -92,6 +92,7 @@ impl Isolation {
             },
             preview: context.preview.is_some(),
             memory: context.memory,
+            backend,
             threads: self.threads,
             folder: folder.path().to_owned(),
         };

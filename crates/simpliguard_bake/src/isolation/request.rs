@@ -7,7 +7,7 @@ use std::path::PathBuf;
 use bytes::Bytes;
 use serde::{Deserialize, Serialize};
 use simpliguard::gltf::external_uris;
-use simpliguard::settings::BakeSettings;
+use simpliguard::settings::{BackendChoice, BakeSettings};
 use simpliguard::{RelativeUri, Resources, Source};
 use simpliguard_cache::Cache;
 
@@ -29,6 +29,7 @@ pub(super) struct Header {
     pub(super) preview: bool,
     /// Bytes that the bake may take.
     pub(super) memory: Option<u64>,
+    pub(super) backend: BackendChoice,
     pub(super) threads: usize,
     /// Folder for the parts of the result.
     pub(super) folder: PathBuf,
@@ -45,6 +46,7 @@ pub(super) struct Terms {
     pub(super) wanted: Wanted,
     pub(super) preview: bool,
     pub(super) memory: Option<u64>,
+    pub(super) backend: BackendChoice,
     pub(super) threads: usize,
     pub(super) folder: PathBuf,
 }
@@ -79,13 +81,14 @@ pub(super) fn write(
     let length = |(uri, read): &(&str, Result<Bytes, String>)| {
         ((*uri).to_owned(), read.as_ref().map(Bytes::len).map_err(Clone::clone))
     };
-    let Terms { wanted, preview, memory, threads, folder } = terms;
+    let Terms { wanted, preview, memory, backend, threads, folder } = terms;
     let header = Header {
         name: source.name.to_owned(),
         settings: settings.to_ron(),
         wanted,
         preview,
         memory,
+        backend,
         threads,
         folder,
         cache: cache.map(|cache| (cache.root().to_owned(), cache.max_size())),

@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 use std::{process, thread};
 
 use simpliguard::data::{Level, Model};
-use simpliguard::settings::{BakeSettings, Quality};
+use simpliguard::settings::{BackendChoice, BakeSettings, Quality};
 use simpliguard::{Cancellation, Context, Error, NoResources, RelativeUri, Resources, Source, Status};
 
 use super::messages::Message;
@@ -138,7 +138,8 @@ fn a_request_arrives_as_it_was_sent() {
     let source = Source { name: "a.gltf", bytes: model, resources: &Beside };
     let settings = BakeSettings { faces: vec![70, 90], ..BakeSettings::preset(Quality::Draft) };
     let folder = PathBuf::from("folder");
-    let terms = Terms { wanted: Wanted::Sheet, preview: true, memory: Some(5), threads: 3, folder: folder.clone() };
+    let (wanted, backend) = (Wanted::Sheet, BackendChoice::Gpu);
+    let terms = Terms { wanted, preview: true, memory: Some(5), backend, threads: 3, folder: folder.clone() };
     let mut bytes = Vec::new();
     request::write(&mut bytes, &source, &settings, None, terms).expect("is written");
 
@@ -150,6 +151,7 @@ fn a_request_arrives_as_it_was_sent() {
     assert!(read("d.bin").is_err() && request.cache().is_none());
     assert_eq!((&request.settings, request.header.memory, request.header.threads), (&settings, Some(5), 3));
     assert!(request.header.wanted == Wanted::Sheet && request.header.preview && request.header.folder == folder);
+    assert_eq!(request.header.backend, backend);
     for end in [0, 10, bytes.len() - 1] {
         assert!(Request::read(&mut &bytes[..end]).is_err(), "{end} bytes were enough");
     }

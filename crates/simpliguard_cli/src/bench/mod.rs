@@ -13,8 +13,10 @@ use rayon::{ThreadPool, ThreadPoolBuilder};
 use serde::Serialize;
 use simpliguard::data::Surface;
 use simpliguard::gltf::{ImportLimits, import};
+use simpliguard::refine::Device;
 use simpliguard::settings::{BakeSettings, resolve};
 use simpliguard::{Context, NoResources, OPT_LEVEL, PIPELINE_VERSION, Printable, Source, bake};
+use simpliguard_bake::find_device;
 use sysinfo::{CpuRefreshKind, RefreshKind, System};
 
 use crate::args::BenchArgs;
@@ -35,6 +37,8 @@ struct Document {
     opt_level: &'static str,
     /// Name of the processor.
     processor: String,
+    /// The GPU that refines levels. Null for the CPU.
+    device: Option<String>,
     model: String,
     /// Triangles of the source.
     faces: usize,
@@ -64,7 +68,7 @@ pub(crate) fn run(args: &BenchArgs) -> Result<(), UsageError> {
 }
 
 fn bench_file(path: &Path, args: &BenchArgs) -> Result<Document, UsageError> {
-    let ModelSettings { resolved, cache } = SettingsLookup::new(&args.settings)?.of(path)?;
+    let ModelSettings { resolved, cache, .. } = SettingsLookup::new(&args.settings)?.of(path)?;
     let file = SourceFile::read(path, &path.display().to_string(), cache.project())?;
     bench(&file.source(), &resolved?.settings, args)
 }
@@ -80,16 +84,18 @@ fn bench(source: &Source<'_>, settings: &BakeSettings, args: &BenchArgs) -> Resu
     let surface = import(source, &ImportLimits::default())?.surface;
     let all = std::thread::available_parallelism().map_or(1, NonZeroUsize::get);
     let threads = if args.threads.is_empty() { vec![all] } else { args.threads.iter().map(|n| n.get()).collect() };
+    let device = find_device(args.backend, |notice| console::warning(&notice.to_string()));
     let mut runs = Vec::new();
     for threads in threads {
         console::line(&format!("baking {} with {threads} threads", Printable(source.name)));
-        runs.push(fastest((source, settings), &surface, threads, args.runs)?);
+        runs.push(fastest((source, settings), (&surface, device), threads, args.runs)?);
     }
     Ok(Document {
         version: DOCUMENT_VERSION,
         pipeline_version: PIPELINE_VERSION,
         opt_level: OPT_LEVEL,
         processor: processor(),
+        device: device.map(|device| device.name().to_owned()),
         model: source.name.to_owned(),
         faces: surface.triangles.len(),
         quality: format!("{:?}", settings.quality),
@@ -107,7 +113,7 @@ fn processor() -> String {
 /// The fastest of some bakes.
 fn fastest(
     source: (&Source<'_>, &BakeSettings),
-    surface: &Surface,
+    surface: (&Surface, Option<&Device>),
     threads: usize,
     count: NonZeroU8,
 ) -> Result<Run, UsageError> {
@@ -126,10 +132,10 @@ fn fastest(
 /// Bakes once, and simplifies to the same numbers of triangles by meshoptimizer.
 fn measure(
     (source, settings): (&Source<'_>, &BakeSettings),
-    surface: &Surface,
+    (surface, device): (&Surface, Option<&Device>),
     pool: &ThreadPool,
 ) -> Result<Run, UsageError> {
-    let (start, context) = (Instant::now(), Context::default());
+    let (start, context) = (Instant::now(), Context { device, ..Context::default() });
     let report = pool.install(|| bake(source, settings, &context))?.report;
     let seconds = start.elapsed().as_secs_f64();
     let budgets: Vec<usize> = report.levels.iter().map(|level| level.budget as usize).collect();
@@ -162,8 +168,11 @@ impl Run {
 
 impl Document {
     fn text(&self) -> String {
-        let Self { processor, opt_level, pipeline_version, model, faces, quality, runs, .. } = self;
+        let Self { processor, device, opt_level, pipeline_version, model, faces, quality, runs, .. } = self;
         let mut text = format!("{processor}; pipeline version {pipeline_version}, opt-level {opt_level}\n");
+        if let Some(device) = device {
+            text += &format!("levels refined on {}\n", Printable(device));
+        }
         text += &format!("{}: {faces} triangles, quality {quality}\n\n", Printable(model));
         let row = |title: &str, cell: &dyn Fn(&Run) -> String| -> Vec<String> {
             std::iter::once(title.to_owned()).chain(runs.iter().map(cell)).collect()

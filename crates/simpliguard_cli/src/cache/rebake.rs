@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use std::time::{SystemTime, UNIX_EPOCH};
 
 use serde::Serialize;
-use simpliguard::settings::BakeSettings;
+use simpliguard::settings::{BackendChoice, BakeSettings};
 use simpliguard::{Context, Error, KeyBuilder};
 use simpliguard_bake::{BakeResult, CachePlace, CachedBake, Host, Notice, Parts, default_memory, look_up};
 
@@ -95,6 +95,12 @@ impl Sample {
         let (stored, made) = (entry(&self.stored)?, entry(&again)?);
         let differs = made.objects.iter().find(|(name, bytes)| stored.object(name) != Some(bytes));
         match differs {
+            Some(_) if self.stored.report.device() != again.report.device() => Err(format!(
+                "{}: it was refined on {}, and here on {}: a comparison needs the same processor",
+                self.name,
+                processor(&self.stored),
+                processor(&again)
+            )),
             Some((object, _)) => Err(format!(
                 "{}: baked again, its {object} differs from the one in the cache: clear the cache, and find out who wrote it",
                 self.name
@@ -105,9 +111,15 @@ impl Sample {
 
     fn bake(&self) -> Result<BakeResult, Error> {
         let context = Context { memory: Some(default_memory()), ..Context::default() };
-        let bake = CachedBake::new(self.file.source(), &self.settings, Parts::Levels, None)?;
+        let is_of_gpu = self.stored.report.device().is_some();
+        let backend = if is_of_gpu { BackendChoice::Gpu } else { BackendChoice::Cpu };
+        let bake = CachedBake::new(self.file.source(), &self.settings, Parts::Levels, None)?.on(backend);
         Ok(bake.run(&context, &Quiet)?.result)
     }
+}
+
+fn processor(result: &BakeResult) -> &str {
+    result.report.device().unwrap_or("the CPU")
 }
 
 impl Rebaked {

@@ -126,7 +126,7 @@ pub(crate) fn run(args: &InspectArgs) -> Result<(), UsageError> {
 
 fn inspect(path: &Path, args: &InspectArgs) -> Result<Inspection, UsageError> {
     let name = path.display().to_string();
-    let ModelSettings { resolved, cache } = SettingsLookup::new(&args.settings)?.of(path)?;
+    let ModelSettings { resolved, cache, .. } = SettingsLookup::new(&args.settings)?.of(path)?;
     let resolved = resolved?;
     let file = SourceFile::read(path, &name, cache.project())?;
     let model = import(&file.source(), &ImportLimits::default())?;

@@ -1,5 +1,6 @@
 //! The command as its users run it.
 
+mod backend;
 mod bake;
 mod bench;
 mod cache;

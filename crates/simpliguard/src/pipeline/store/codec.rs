@@ -32,6 +32,16 @@ impl<T: Stored> Stored for Option<T> {
     }
 }
 
+impl Stored for String {
+    fn write(&self, writer: &mut Writer) {
+        writer.slice(self.as_bytes());
+    }
+
+    fn read(reader: &mut Reader<'_>) -> Option<Self> {
+        Self::from_utf8(reader.slice()?).ok()
+    }
+}
+
 impl<A: Stored, B: Stored> Stored for (A, B) {
     fn write(&self, writer: &mut Writer) {
         self.0.write(writer);

@@ -62,7 +62,7 @@ impl<'a> Assembly<'a> {
             low,
             coarse,
             equations: NormalEquations::new(low.texture.size),
-            pixel_weight: views.pixel_weight,
+            pixel_weight: views.pixel_weight(),
             frame: FrameBuffers::new(size),
             silhouette: vec![false; size * size],
         }
