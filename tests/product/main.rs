@@ -8,6 +8,7 @@ mod blocks;
 mod crowd;
 mod docs;
 mod objects;
+mod on_demand;
 mod plugin;
 mod pops;
 mod scene;

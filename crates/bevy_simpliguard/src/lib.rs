@@ -16,7 +16,7 @@ mod plugin;
 pub use bake::{
     BakeFailed, BakeFinished, BakeProgress, BakeStarted, BakeStatus, Bakes, MetaSettings, SimpliguardProcess,
 };
-pub use lod::{LodSettings, LodStats, SimpliguardLods};
+pub use lod::{LodSettings, LodStats, SimpliguardLods, SourceSettings, SourceStats};
 pub use options::{BakeMode, BakePriority};
 #[cfg(feature = "overlay")]
 pub use overlay::{OverlayPlugin, OverlaySettings};

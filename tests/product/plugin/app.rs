@@ -26,6 +26,7 @@ use bevy::tasks::ComputeTaskPool;
 use bevy::world_serialization::{WorldAssetRoot, WorldInstanceReady, WorldSerializationPlugin};
 use bevy_simpliguard::{
     BakeFailed, BakeFinished, BakeMode, BakePriority, BakeProgress, BakeStarted, BakeStatus, Bakes, SimpliguardPlugin,
+    SourceStats,
 };
 use serde::Deserialize;
 use serde_json::{Value, json};
@@ -150,7 +151,7 @@ fn game() {
         .insert_resource(Clock { start: now, last: now, worst: Duration::ZERO, frames: default() })
         .insert_resource(QuitAsked(quit_asked()))
         .add_systems(Startup, load)
-        .add_systems(Update, (time_frames, report_models, quit))
+        .add_systems(Update, (time_frames, report_models, report_sources, quit))
         .add_observer(report_instance);
     assert!(app.run().is_success());
 }
@@ -317,6 +318,13 @@ fn report_models(
         let kept = assets.contains(failure.id);
         say(&clock, json!({ "what": "load failed", "path": failure.path.to_string(), "kept": kept }));
     }
+}
+
+/// A game without the plugin has no sources.
+fn report_sources(clock: Res<Clock>, stats: Option<Res<SourceStats>>, mut last: Local<SourceStats>) {
+    let Some(stats) = stats.filter(|stats| **stats != *last) else { return };
+    *last = *stats;
+    say(&clock, json!({ "what": "sources", "resident": stats.resident, "failed": stats.failed }));
 }
 
 fn report_instance(ready: On<WorldInstanceReady>, clock: Res<Clock>, names: Query<&Name>) {

@@ -1,6 +1,7 @@
 //! What is baked when, and what the game shows meanwhile.
 
 use std::fs;
+use std::path::Path;
 use std::time::Duration;
 
 use super::model::{globe, globe_glb, png};
@@ -66,6 +67,39 @@ fn textures_of_a_processed_file_lie_in_blocks() {
     let (by_default, off) = (in_blocks(""), in_blocks("texture_compression: Off"));
     assert!(by_default.len() > 1 && by_default.iter().all(|is_in_blocks| *is_in_blocks), "{by_default:?}");
     assert!(off.len() == by_default.len() && !off.contains(&true), "{off:?}");
+}
+
+/// A source on demand is a file beside the processed ones, which a game loads for a camera that is near.
+#[test]
+fn a_source_on_demand_comes_with_a_camera_and_goes_with_it() {
+    let project = with_globe();
+    let process = "Process(processor: \"bevy_simpliguard::SimpliguardProcess\", settings: (source: OnDemand))";
+    project.save("assets/globe.gltf.meta", format!("(meta_format_version: \"1.0\", asset: {process})"));
+    let mut game = project.run();
+    game.wait_for_levels("globe.gltf", 2);
+    game.quit();
+    let sources = files_below(&project.path("imported_assets/on_demand/globe.gltf"));
+    let [source] = &sources[..] else { panic!("{sources:?}") };
+    let size = |path: &Path| fs::metadata(path).expect("it is there").len();
+    let levels = project.path("imported_assets/Default/globe.gltf");
+    assert!(size(&levels) < size(source), "{} {}", size(&levels), size(source));
+
+    let mut second = project.run_with("scene: Some(CameraMovesAway)");
+    second.wait("the source", |r| r["what"] == "sources" && r["resident"] == 1);
+    second.wait("no source", |r| r["what"] == "sources" && r["resident"] == 0);
+    assert_eq!(second.reported("sources").expect("reported")["failed"], 0);
+    second.quit_without_bakes();
+    assert_eq!(files_below(&project.path("imported_assets/on_demand")), sources);
+
+    // With another setting the source is in the processed file again, from the same bake.
+    project.save(
+        "assets/globe.gltf.meta",
+        format!("(meta_format_version: \"1.0\", asset: {})", process.replace("OnDemand", "Keep")),
+    );
+    let mut third = project.run();
+    third.wait_for_levels("globe.gltf", 2);
+    third.quit_without_bakes();
+    assert!(size(&levels) > size(source));
 }
 
 #[test]

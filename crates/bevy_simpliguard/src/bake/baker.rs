@@ -22,6 +22,7 @@ use super::journal::Journal;
 use super::project::Project;
 use super::queue::{Job, Queue};
 use super::request::BakeRequest;
+use super::sources::processed_file;
 use crate::options::BakeMode;
 
 /// The state that the bakes of all models of a game share.
@@ -55,13 +56,14 @@ impl Baker {
         if let Some(found) = request.cached() {
             debug!("{path}: levels from the cache");
             self.tell(Event::Desired { path: path.clone(), key: request.key, is_cached: missing.is_empty() });
+            let processed = processed_file(&self.journal, path, &request.settings, found.combined);
             if missing.is_empty() {
                 self.queue.forget(path);
                 self.settle(&request);
             } else {
-                self.queue.push(Job::when_there(request, blake3::hash(&found.combined), missing));
+                self.queue.push(Job::when_there(request, blake3::hash(&processed), missing));
             }
-            return found.combined.into();
+            return processed.into();
         }
         self.note_pending(path);
         self.tell(Event::Desired { path: path.clone(), key: request.key, is_cached: false });

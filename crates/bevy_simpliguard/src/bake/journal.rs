@@ -7,6 +7,8 @@ use std::path::{Path, PathBuf};
 use bevy::asset::AssetPath;
 use simpliguard_cache::{Durability, remove_stale_temporaries, write_atomic};
 
+use crate::lod::on_demand::SOURCE;
+
 /// The processed assets of a game, and the notes on them.
 #[derive(Clone, Debug)]
 pub(super) struct Journal {
@@ -26,6 +28,16 @@ impl Journal {
     /// The processed file of a model of the default source.
     pub(super) fn processed_file(&self, path: &AssetPath<'static>) -> PathBuf {
         self.processed.join(path.path())
+    }
+
+    /// The folder of the sources that are loaded on demand.
+    pub(super) fn sources(&self) -> PathBuf {
+        self.processed.parent().unwrap_or(Path::new("")).join(SOURCE)
+    }
+
+    /// The folder of the source of a model that is loaded on demand.
+    pub(super) fn source_folder(&self, path: &AssetPath<'static>) -> PathBuf {
+        self.sources().join(path.path())
     }
 
     /// A folder on the same file system as the processed files. No watcher watches it.

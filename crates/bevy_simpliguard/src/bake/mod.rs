@@ -25,6 +25,7 @@ mod project;
 mod queue;
 mod readers;
 mod request;
+mod sources;
 mod status;
 mod swap;
 mod timing;
@@ -137,6 +138,9 @@ fn start(options: &BakeOptions, app: &mut App, processor: AssetProcessor, folder
     let base = FileAssetReader::get_base_path();
     let journal = Journal::new(base.join(&paths.processed));
     journal.remove_stale_temporaries();
+    if let Err(error) = sources::remove_stale(&journal) {
+        warn!("sources of models that are gone take space: {error}");
+    }
     let baker = Arc::new(Baker {
         attempts: Attempts::new(journal.attempts()),
         mode,

@@ -16,6 +16,7 @@ use super::baker::Baker;
 use super::events::{BakeFinished, BakeProgress, BakeStarted, Event};
 use super::input::{Files, SourceFiles};
 use super::queue::{Goal, InFlight};
+use super::sources::processed_file;
 use super::swap::{Delivery, Place};
 use crate::options::BakePriority;
 
@@ -169,6 +170,8 @@ impl Worker {
 
     /// Delivers a result to the goal of its job.
     fn deliver(&self, in_flight: &mut InFlight, glb: Vec<u8>) -> io::Result<Delivery> {
+        let request = &in_flight.job.request;
+        let glb = processed_file(&self.baker.journal, &request.path, &request.settings, glb);
         if let Goal::Answer(answer) = &in_flight.job.goal {
             let is_sent = answer.try_send(glb.into()).is_ok();
             return Ok(if is_sent { Delivery::Done } else { Delivery::Superseded });

@@ -54,7 +54,7 @@ impl View {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Rung {
     /// Index of the level in its group.
-    slot: usize,
+    pub(super) slot: usize,
     /// Error that decides its distance, as a fraction of the object's diagonal. 0 for the first.
     error: f32,
 }
@@ -105,6 +105,14 @@ impl Choice {
             _ => self.slot,
         }
     }
+}
+
+/// The distance of an object whose diagonal is `size` pixels long, in units of the distance from which its first level is shown
+/// alone. Its source is seen below 1.
+pub(super) fn source_distance(rungs: &[Rung], size: f32, pixel_error: f32, fade: f32) -> f32 {
+    let Some(first) = rungs.get(1).filter(|_| pixel_error > 0.0) else { return 0.0 };
+    let distance = pixel_error / (first.error * size * (1.0 + fade));
+    if distance.is_nan() { f32::INFINITY } else { distance }
 }
 
 /// Selects the level of an object whose diagonal is `size` pixels long. `current` is the level in view so far.
@@ -252,6 +260,19 @@ mod tests {
         assert_eq!((slot(102.0, 0), slot(99.0, 0)), (0, 1));
         assert_eq!((slot(102.0, 1), slot(106.0, 1)), (1, 0));
         assert_eq!((slot(52.0, 1), slot(52.0, 2), slot(53.0, 2)), (1, 2, 1));
+    }
+
+    #[test]
+    fn the_source_is_seen_below_a_distance_of_one() {
+        let rungs = rungs([0.0, 0.01, 0.02], 0.5);
+        // The first level begins at a size of 100 pixels, and is alone at two thirds of it.
+        assert_eq!(source_distance(&rungs, 200.0 / 3.0, 1.0, 0.5), 1.0);
+        assert_eq!(source_distance(&rungs, 200.0, 1.0, 0.5), 1.0 / 3.0);
+        assert_eq!(choose(&rungs, 70.0, 1.0, 0.5, 0).slot, 0);
+        assert_eq!(choose(&rungs, 66.0, 1.0, 0.5, 0), Choice::only(1));
+        assert_eq!(source_distance(&rungs, 200.0, 0.0, 0.5), 0.0);
+        assert_eq!(source_distance(&rungs[..1], 200.0, 1.0, 0.5), 0.0);
+        assert_eq!(source_distance(&super::rungs([0.0, 0.0], 0.5), 200.0, 1.0, 0.5), f32::INFINITY);
     }
 
     #[test]

@@ -32,6 +32,7 @@ use super::components::{LodGroup, LodLevel, LodMember, LodPrimitive};
 use super::fade::Show;
 use super::file::{self, FileGroup, FileLevel, LodFile, Of};
 use super::mipmaps::{self, Mipmaps};
+use super::on_demand::{SourceOfFile, is_source};
 
 /// Defaults of the loader settings that entities depend on. A file may override them.
 #[derive(Clone, Copy, Default)]
@@ -49,6 +50,8 @@ pub(super) struct LodHandler {
     mipmaps: Option<Mipmaps>,
     /// The levels of the file that is being loaded, if it has any.
     file: Option<Arc<LodFile>>,
+    /// The source that is loaded on demand, if the file has one.
+    source: Option<Arc<SourceOfFile>>,
     /// Box of the most detailed level of each group, in the space of the levels.
     bounds: HashMap<usize, Bounds>,
     /// Entities of the nodes of the scene that is being built.
@@ -62,7 +65,8 @@ impl LodHandler {
         defaults: LoaderDefaults,
         mipmaps: Option<Mipmaps>,
     ) -> Self {
-        Self { others, defaults, mipmaps, file: None, bounds: HashMap::default(), entities: HashMap::default() }
+        let (bounds, entities) = (HashMap::default(), HashMap::default());
+        Self { others, defaults, mipmaps, file: None, source: None, bounds, entities }
     }
 }
 
@@ -78,9 +82,11 @@ impl GltfExtensionHandler for LodHandler {
                 settings.convert_coordinates.unwrap_or(self.defaults.convert_coordinates);
             self.defaults.bounds_policy = settings.skinned_mesh_bounds_policy.unwrap_or(self.defaults.bounds_policy);
             self.file = LodFile::read(&gltf.document, &name).map(Arc::new);
+            self.source = SourceOfFile::of(&gltf.document).map(Arc::new);
         }
         if let Some(mipmaps) = &mut self.mipmaps {
-            mipmaps.begin(&gltf.document, &name, settings, self.file.is_some());
+            let has_levels = self.file.is_some() || is_source(&gltf.document);
+            mipmaps.begin(&gltf.document, &name, settings, has_levels);
         }
     }
 
@@ -135,7 +141,7 @@ impl GltfExtensionHandler for LodHandler {
     }
 
     fn on_gltf_node(&mut self, _: &mut LoadContext<'_>, node: &gltf::Node<'_>, entity: &mut EntityWorldMut<'_>) {
-        if self.file.is_some() {
+        if self.file.is_some() || self.source.is_some() {
             self.entities.insert(node.index(), entity.id());
         }
     }
@@ -148,7 +154,25 @@ impl GltfExtensionHandler for LodHandler {
         world: &mut World,
     ) {
         let entities = std::mem::take(&mut self.entities);
-        let Some(file) = self.file.clone() else { return };
+        let source = self.source.clone().filter(|source| source.is_in(|node| entities.contains_key(node)));
+        let has_all = self.build_groups(context, root, world, entities);
+        if let Some(source) = source {
+            let rotate_meshes = self.defaults.convert_coordinates.rotate_meshes;
+            world.entity_mut(root).insert(source.component(context, rotate_meshes, !has_all));
+        }
+    }
+}
+
+impl LodHandler {
+    /// Builds the groups of a scene. Tells whether all that are in the file are there, with levels.
+    fn build_groups(
+        &mut self,
+        context: &mut LoadContext<'_>,
+        root: Entity,
+        world: &mut World,
+        entities: HashMap<usize, Entity>,
+    ) -> bool {
+        let Some(file) = self.file.clone() else { return false };
         // Levels stand for all nodes that they were made from. A scene with only some of these nodes, or the scene of a
         // single level, gets no group.
         let is_there = |group: &FileGroup| group.nodes().all(|node| entities.contains_key(node));
@@ -162,14 +186,14 @@ impl GltfExtensionHandler for LodHandler {
         let replaced: BTreeSet<usize> = of_objects().flat_map(|group| group.replaces.iter().copied()).collect();
         let objects: Vec<Entity> = of_objects().map(|group| builder.entities[&group.holder]).collect();
         let sources: Vec<_> = groups.iter().map(|(group, _)| builder.source(group, &replaced)).collect();
+        let mut count = 0;
         for ((group, bounds), source) in groups.into_iter().zip(sources) {
             let objects = if group.of == Of::AllObjects { objects.clone() } else { Vec::new() };
-            builder.build(group, bounds, source, objects);
+            count += usize::from(builder.build(group, bounds, source, objects));
         }
+        count == file.groups.len()
     }
-}
 
-impl LodHandler {
     /// Extends the box of a group by a primitive of its most detailed level.
     fn extend_bounds(&mut self, file: &LodFile, number: usize, primitive: &gltf::Primitive<'_>, buffers: &[Vec<u8>]) {
         let group = &file.groups[number];
@@ -207,7 +231,8 @@ struct Place<'a> {
 }
 
 impl SceneBuilder<'_, '_> {
-    fn build(&mut self, file: &FileGroup, bounds: Bounds, source: Option<LodLevel>, objects: Vec<Entity>) {
+    /// Builds a group. Tells whether it has levels.
+    fn build(&mut self, file: &FileGroup, bounds: Bounds, source: Option<LodLevel>, objects: Vec<Entity>) -> bool {
         let entity = |node: usize| self.entities[&node];
         let place = Place {
             file,
@@ -218,7 +243,7 @@ impl SceneBuilder<'_, '_> {
         let mut levels: Vec<LodLevel> = source.into_iter().collect();
         levels.extend(file.levels.iter().filter_map(|level| self.spawn_level(place, level)));
         if levels.iter().all(|level| level.level == 0) {
-            return;
+            return false;
         }
         for (slot, level) in levels.iter().enumerate() {
             let show = if slot == 0 { Show::Whole } else { Show::Nothing };
@@ -230,6 +255,7 @@ impl SceneBuilder<'_, '_> {
         let (center, radius) = self.sphere(place, bounds);
         let object = if file.of == Of::Object { self.file.path(file.holder) } else { String::new() };
         self.world.entity_mut(place.group).insert(LodGroup { object, center, radius, levels, objects });
+        true
     }
 
     /// Centre and radius of the bounding sphere in the space of the group's entity, in the rest pose.

@@ -85,7 +85,7 @@ fn memory_of_level(
 }
 
 /// Bytes of vertices and indices. Zero if only the renderer has them.
-fn bytes_of_mesh(mesh: &Mesh) -> u64 {
+pub(super) fn bytes_of_mesh(mesh: &Mesh) -> u64 {
     if !mesh.asset_usage.contains(RenderAssetUsages::MAIN_WORLD) {
         return 0;
     }
@@ -93,7 +93,7 @@ fn bytes_of_mesh(mesh: &Mesh) -> u64 {
 }
 
 /// Bytes of an image with its mipmaps.
-fn bytes_of_image(image: &Image) -> u64 {
+pub(super) fn bytes_of_image(image: &Image) -> u64 {
     let descriptor = &image.texture_descriptor;
     let (width, height) = descriptor.format.block_dimensions();
     let bytes = u64::from(descriptor.format.block_copy_size(None).unwrap_or(0));

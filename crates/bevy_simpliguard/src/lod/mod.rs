@@ -52,11 +52,13 @@ mod handler;
 mod kept;
 mod memory;
 mod mipmaps;
+pub mod on_demand;
 mod stats;
 mod switch;
 #[cfg(test)]
 mod tests;
 
+use bevy::asset::AssetEventSystems;
 use bevy::camera::CameraUpdateSystems;
 use bevy::camera::visibility::VisibilitySystems;
 use bevy::gltf::extensions::GltfExtensionHandlers;
@@ -70,6 +72,8 @@ pub use self::components::{LodGroup, LodLevel, LodMember, LodPrimitive, LodSetti
 use self::handler::{LoaderDefaults, LodHandler};
 pub use self::memory::{Memory, ModelMemory, memory_of};
 use self::mipmaps::{Mipmaps, TextureOptions};
+pub use self::on_demand::{OnDemandSource, SourceSettings, SourceStats};
+use self::on_demand::{Presence, Residency};
 pub use self::stats::{LodLevelStats, LodStats};
 
 /// Switches the levels of baked glTF files. It needs Bevy's `GltfPlugin` and may be added before or after it.
@@ -100,24 +104,35 @@ pub struct LodSystems;
 
 impl Plugin for LodPlugin {
     fn build(&self, app: &mut App) {
+        on_demand::register(app);
         app.insert_resource(self.settings.clone())
             .init_resource::<LodStats>()
+            .init_resource::<SourceSettings>()
+            .init_resource::<SourceStats>()
+            .init_resource::<Residency>()
             .register_type::<LodSettings>()
             .register_type::<LodStats>()
             .register_type::<SimpliguardLods>()
             .register_type::<LodGroup>()
             .register_type::<LodMember>()
+            .register_type::<OnDemandSource>()
+            .register_type::<Presence>()
+            .register_type::<SourceSettings>()
+            .register_type::<SourceStats>()
             .configure_sets(
                 PostUpdate,
                 LodSystems
                     .after(TransformSystems::Propagate)
                     .after(CameraUpdateSystems)
+                    .after(AssetEventSystems)
                     .after(VisibilitySystems::VisibilityPropagate)
                     .before(VisibilitySystems::CheckVisibility),
             )
             .add_systems(
                 PostUpdate,
-                (switch::attach, switch::note_hidden_parts, switch::switch_levels).chain().in_set(LodSystems),
+                (switch::attach, switch::note_hidden_parts, on_demand::update, switch::switch_levels)
+                    .chain()
+                    .in_set(LodSystems),
             )
             .add_systems(PostUpdate, stats::count.after(VisibilitySystems::MarkNewlyHiddenEntitiesInvisible))
             .add_observer(switch::detach);
@@ -126,6 +141,7 @@ impl Plugin for LodPlugin {
     /// Registers the glTF handler, when the handlers of all other plugins are known: they give the levels their
     /// materials.
     fn cleanup(&self, app: &mut App) {
+        on_demand::open(app);
         let defaults = app.get_added_plugins::<GltfPlugin>().first().map(|gltf| LoaderDefaults {
             convert_coordinates: gltf.convert_coordinates,
             bounds_policy: gltf.skinned_mesh_bounds_policy,

@@ -51,7 +51,7 @@ pub(super) fn count(
         sum.groups += 1;
         let Some(choice) = state.choice() else { continue };
         let mut is_visible = false;
-        for slot in [Some(choice.slot), choice.next.map(|(slot, _)| slot)].into_iter().flatten() {
+        for slot in state.drawn() {
             let Some(level) = group.levels.get(slot) else { continue };
             let seen = level.primitives.iter().filter(|p| is_seen(p.entity));
             let (parts, triangles) = seen.fold((0, 0), |(n, sum): (u64, u64), p| (n + 1, sum + u64::from(p.faces)));

@@ -6,9 +6,10 @@ use bevy::prelude::*;
 use bevy::world_serialization::WorldAssetRoot;
 
 use super::components::{LodGroup, LodLevel, LodMember, LodSettings, SimpliguardLods};
-use super::distance::{Choice, Rung, View, choose, rungs};
+use super::distance::{Choice, FADE_STEPS, Rung, View, choose, rungs, source_distance};
 use super::fade::Show;
 use super::kept::KeptObjects;
+use super::on_demand::{OnDemandSource, Presence};
 
 /// The state of a group between frames.
 #[derive(Component)]
@@ -17,9 +18,15 @@ pub(super) struct LodState {
     root: Entity,
     /// The entity with the scene that this is an object of.
     scene: Option<Entity>,
+    /// The entity with the source, if that is loaded on demand.
+    source: Option<Entity>,
+    /// Distance in units of the one below which the source is seen.
+    distance: f32,
     rungs: Vec<Rung>,
     /// The levels that are shown. `None` before the first selection.
     choice: Option<Choice>,
+    /// The level in place of a source that is not there yet.
+    cover: Option<Cover>,
     /// What the levels leave of it that stand for all objects.
     veil: Veil,
     /// True if `veil` differs from what is shown.
@@ -28,6 +35,26 @@ pub(super) struct LodState {
     is_source_cut: bool,
     /// True if `is_source_cut` has to be computed again.
     is_source_changed: bool,
+}
+
+/// A level that stands before a source until that is there.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Cover {
+    slot: usize,
+    /// Sixteenths of its pixels that have given way to the source. The source is drawn whole behind it, so that no pixel is
+    /// without either while a renderer gets ready for the source.
+    step: u8,
+}
+
+impl Cover {
+    fn show(self, choice: Choice, veil: Veil, whole: Show) -> Show {
+        match veil {
+            Veil::None if self.step > 0 && choice.next.is_none() && whole == Show::Whole => Show::FadeOut(self.step),
+            Veil::None => whole,
+            Veil::Fading(step) => Show::FadeOut(step),
+            Veil::Hidden => Show::Nothing,
+        }
+    }
 }
 
 /// What is left of an object while levels that stand for all objects are shown.
@@ -57,6 +84,36 @@ impl LodState {
     pub(super) fn choice(&self) -> Option<Choice> {
         self.choice
     }
+
+    /// The entity with the source that is loaded on demand.
+    pub(super) fn source(&self) -> Option<Entity> {
+        self.source
+    }
+
+    /// The distance in units of the one below which the source is seen.
+    pub(super) fn distance(&self) -> f32 {
+        self.distance
+    }
+
+    /// The indices of the levels that are drawn.
+    pub(super) fn drawn(&self) -> impl Iterator<Item = usize> + use<> {
+        let next = self.choice.and_then(|choice| Some(choice.next?.0));
+        let cover = self.cover.map(|cover| cover.slot);
+        let first = self.choice.map(|choice| choice.slot).filter(|_| self.cover.is_none_or(|cover| cover.step > 0));
+        [first, next.filter(|next| cover != Some(*next)), cover].into_iter().flatten()
+    }
+
+    /// The level in place of the source while that may be seen in part.
+    fn cover(&self, choice: Choice, presences: &Query<'_, '_, &Presence>) -> Option<Cover> {
+        let steps = presences.get(self.source?).map_or(0, |presence| presence.steps);
+        let slot = self.rungs.get(1).filter(|_| choice.slot == 0 && steps < FADE_STEPS)?.slot;
+        Some(Cover { slot, step: steps })
+    }
+
+    /// Index of the level with the most pixels.
+    fn main(&self, choice: Choice) -> usize {
+        self.cover.filter(|cover| 2 * cover.step < FADE_STEPS).map_or(choice.main(), |cover| cover.slot)
+    }
 }
 
 /// Inserts the state into each group of a scene that was just spawned, and [`SimpliguardLods`] into the root: the one that
@@ -65,7 +122,7 @@ pub(super) fn attach(
     mut commands: Commands<'_, '_>,
     groups: Query<'_, '_, (Entity, &LodGroup, Option<&ChildOf>), Added<LodGroup>>,
     mut roots: Query<'_, '_, Option<&mut KeptObjects>, With<WorldAssetRoot>>,
-    parents: Query<'_, '_, &ChildOf>,
+    (parents, sources): (Query<'_, '_, &ChildOf>, Query<'_, '_, (), With<OnDemandSource>>),
 ) {
     for (group, levels, parent) in &groups {
         let parent = parent.map(ChildOf::parent);
@@ -78,11 +135,16 @@ pub(super) fn attach(
             }
         }
         commands.entity(root).insert_if_new(SimpliguardLods::default());
+        let has_source = levels.objects.is_empty() && levels.levels.first().is_some_and(|level| level.level == 0);
+        let mut above = std::iter::once(group).chain(parents.iter_ancestors(group));
         commands.entity(group).insert(LodState {
             root,
             scene: instance.filter(|&instance| instance != root),
+            source: above.find(|&entity| has_source && sources.contains(entity)),
+            distance: f32::INFINITY,
             rungs: Vec::new(),
             choice: None,
+            cover: None,
             veil: Veil::None,
             is_veil_changed: false,
             is_source_cut: false,
@@ -173,7 +235,7 @@ pub(super) fn switch_levels(
     settings: Res<'_, LodSettings>,
     mut cameras: Cameras<'_, '_>,
     mut groups: Query<'_, '_, (&LodGroup, &mut LodState, &GlobalTransform, Option<Ref<'_, InheritedVisibility>>)>,
-    mut lods: Query<'_, '_, &mut SimpliguardLods>,
+    (mut lods, presences): (Query<'_, '_, &mut SimpliguardLods>, Query<'_, '_, &Presence>),
     mut members: Members<'_, '_>,
 ) {
     let selection = Selection { settings: &settings, views: cameras.views() };
@@ -194,15 +256,17 @@ pub(super) fn switch_levels(
             if is_fresh {
                 state.rungs = rungs(group.levels.iter().map(|level| level.error), fade);
             }
-            let choice = selection.choice(group, &state, transform, wish);
-            if is_fresh || state.choice != Some(choice) || state.is_veil_changed {
-                state.choice = Some(choice);
+            let (choice, distance) = selection.choice(group, &state, transform, wish);
+            state.distance = distance;
+            let cover = state.cover(choice, &presences);
+            if is_fresh || (state.choice, state.cover) != (Some(choice), cover) || state.is_veil_changed {
+                (state.choice, state.cover) = (Some(choice), cover);
                 state.is_veil_changed = false;
-                show(&group.levels, (choice, state.veil), fade > 0.0, &mut members.ranges);
+                show(&group.levels, &state, fade > 0.0, &mut members.ranges);
                 veiled.extend(group.objects.iter().map(|object| (*object, Veil::of(choice))));
             }
             if let Ok(mut lods) = lods.get_mut(state.root) {
-                report(group, choice, &mut lods);
+                report(group, state.main(choice), &mut lods);
             }
         }
         for (object, veil) in veiled {
@@ -246,24 +310,25 @@ struct Selection<'a> {
 }
 
 impl Selection<'_> {
-    /// The level for a group.
+    /// The level for a group, and its distance in units of the one below which its source is seen.
     fn choice(
         &self,
         group: &LodGroup,
         state: &LodState,
         transform: &GlobalTransform,
         Wish { force, bias, enabled }: Wish,
-    ) -> Choice {
+    ) -> (Choice, f32) {
         if !self.settings.enabled || !enabled || state.is_source_cut {
-            return Choice::only(0);
+            return (Choice::only(0), 0.0);
         }
         if let Some(number) = self.settings.force.or(force) {
             // A level that is forced is one of the objects' own.
-            return Choice::only(if group.objects.is_empty() { forced(&group.levels, number) } else { 0 });
+            let slot = if group.objects.is_empty() { forced(&group.levels, number) } else { 0 };
+            return (Choice::only(slot), if slot == 0 { 0.0 } else { f32::INFINITY });
         }
         let current = state.choice.unwrap_or(Choice::only(0));
         if self.views.is_empty() {
-            return current;
+            return (current, f32::INFINITY);
         }
         let affine = transform.affine();
         let axes = [affine.matrix3.x_axis, affine.matrix3.y_axis, affine.matrix3.z_axis];
@@ -272,7 +337,9 @@ impl Selection<'_> {
         let pixels = self.views.iter().map(|view| view.pixels_per_unit(center, radius)).fold(0.0, f32::max);
         // A bias on distances is one on sizes: the object counts as so much closer.
         let size = (2.0 * radius * pixels * (self.settings.bias * bias).max(0.0)).min(f32::MAX);
-        choose(&state.rungs, size, self.settings.pixel_error, self.settings.fade.clamp(0.0, 1.0), current.main())
+        let (pixel_error, fade) = (self.settings.pixel_error, self.settings.fade.clamp(0.0, 1.0));
+        let distance = source_distance(&state.rungs, size, pixel_error, fade);
+        (choose(&state.rungs, size, pixel_error, fade, current.main()), distance)
     }
 }
 
@@ -283,15 +350,13 @@ fn forced(levels: &[LodLevel], number: u32) -> usize {
 }
 
 /// Shows the selected levels as far as the veil leaves them, and hides all others of the group.
-fn show(
-    levels: &[LodLevel],
-    (choice, veil): (Choice, Veil),
-    can_fade: bool,
-    ranges: &mut Query<'_, '_, &mut VisibilityRange>,
-) {
+fn show(levels: &[LodLevel], state: &LodState, can_fade: bool, ranges: &mut Query<'_, '_, &mut VisibilityRange>) {
+    let (choice, veil) = (state.choice.unwrap_or(Choice::only(0)), state.veil);
     let whole = if can_fade { Show::Whole } else { Show::Solid };
     for (slot, level) in levels.iter().enumerate() {
+        let cover = state.cover.filter(|cover| cover.slot == slot);
         let show = match (veil, choice.next) {
+            _ if cover.is_some() => cover.map_or(whole, |cover| cover.show(choice, veil, whole)),
             (Veil::None, None) if slot == choice.slot => whole,
             (Veil::None, Some((_, step))) if slot == choice.slot => Show::FadeOut(step),
             (Veil::None, Some((next, step))) if slot == next => Show::FadeIn(step),
@@ -308,11 +373,11 @@ fn show(
 }
 
 /// Updates the component that a game reads, if it differs.
-fn report(group: &LodGroup, choice: Choice, lods: &mut Mut<'_, SimpliguardLods>) {
+fn report(group: &LodGroup, main: usize, lods: &mut Mut<'_, SimpliguardLods>) {
     if lods.levels.is_empty() {
         lods.levels.clone_from(&group.levels);
     }
-    let current = group.levels.get(choice.main()).map_or(0, |level| level.level);
+    let current = group.levels.get(main).map_or(0, |level| level.level);
     if lods.current != current {
         lods.current = current;
     }

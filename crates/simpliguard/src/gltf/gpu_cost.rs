@@ -119,7 +119,7 @@ fn bytes_per_texel(color: ColorType) -> u64 {
 }
 
 /// Bytes of a primitive's vertices, indices and morph targets.
-fn primitive_memory(document: &Document, primitive: &Value) -> Option<u64> {
+pub(super) fn primitive_memory(document: &Document, primitive: &Value) -> Option<u64> {
     let attributes = primitive.get("attributes")?.as_object()?;
     let accessor = |value: &Value| item(document, "accessors", as_index(value)?);
     let count = |accessor: &Value| accessor.get("count").and_then(Value::as_u64);

@@ -7,6 +7,7 @@ mod glb;
 mod gpu_cost;
 mod import;
 mod objects;
+mod on_demand;
 mod png;
 mod rewrite;
 mod uris;
@@ -20,4 +21,5 @@ pub use gpu_cost::{GpuCost, encoded_image, gpu_cost, image_of_texture, texture_m
 pub(crate) use import::import_in;
 pub use import::{ImportLimits, import};
 pub(crate) use objects::{ObjectScene, describe_scene};
+pub use on_demand::{Divided, divide_source};
 pub use uris::{check_binary, external_uris};

@@ -11,7 +11,7 @@ use crate::refine::{RefineParams, Solver, TextureAdam};
 use crate::render::ViewParams;
 use crate::settings::{
     BakeSettings, Candidates, ExistingLods, InitialTexture, JointSplitting, LaplacianOf, MorphTargets, Resolution,
-    SkinTransfer, SourceGeometry, Target, TextureSolver,
+    SkinTransfer, Target, TextureSolver,
 };
 use crate::simplify::{CandidateParams, CollapseParams, ImportanceParams};
 use crate::skinning::{SkinningParams, Transfer};
@@ -156,7 +156,7 @@ impl Params {
                 morphs: settings.morph_targets == MorphTargets::Transfer,
             },
             gate: GateParams::new(settings),
-            export: ExportParams { keep_source: settings.source == SourceGeometry::Keep },
+            export: ExportParams { keep_source: settings.source.is_kept() },
         }
     }
 

@@ -263,7 +263,7 @@ impl SceneBake {
             ));
         }
         let source_faces = scene.kinds().iter().map(|kind| kind.faces * u64::from(kind.instances)).sum();
-        let glb = scene.finish(settings.source == SourceGeometry::Keep, PIPELINE_VERSION)?;
+        let glb = scene.finish(settings.source.is_kept(), PIPELINE_VERSION)?;
         let objects: Vec<ObjectReport> = reports.into_iter().flatten().collect();
         let has_levels = !whole.is_empty() || objects.iter().any(ObjectReport::has_levels);
         let status = if has_levels { Status::Baked } else { Status::SmallEnough };

@@ -61,6 +61,16 @@ choice! {
         Keep,
         /// The meshes and textures of the source are left out; its nodes and clips stay.
         Drop,
+        /// A game that imports its models loads the source's meshes and textures when somebody comes near. Where the command
+        /// bakes, the source comes first, as with `Keep`.
+        OnDemand,
+    }
+}
+
+impl SourceGeometry {
+    /// True if a baked file has the source.
+    pub fn is_kept(self) -> bool {
+        self != Self::Drop
     }
 }
 

@@ -174,7 +174,8 @@ settings! {
     quality: Quality = always(Quality::Standard), Limit::None;
     /// Treatment of a file that already has levels of detail.
     existing_lods: ExistingLods = always(ExistingLods::Keep), Limit::None;
-    /// Treatment of the source's own geometry, which comes before the levels in the output.
+    /// Treatment of the source's own geometry, which comes before the levels in the output. `OnDemand` is for games with this
+    /// plugin: they load the source when somebody comes near, and drop it later. The command takes it for `Keep`.
     source: SourceGeometry = always(SourceGeometry::Keep), Limit::None;
     /// What gets levels: the whole scene of a file, or each of its objects. An object is a node with a mesh, or a skin
     /// with all that hangs on its joints. Equal objects share their levels.

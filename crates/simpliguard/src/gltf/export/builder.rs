@@ -85,7 +85,7 @@ impl Builder {
 
     /// A binary glTF whose buffer is its binary chunk.
     pub(in crate::gltf) fn from_glb(asset: &str, bytes: &[u8]) -> Result<Self, Error> {
-        let broken = || fault(asset, "the file of an object with its levels cannot be read");
+        let broken = || fault(asset, "a baked file cannot be read");
         let Chunks { json, bin } = glb::split(bytes).map_err(|_| broken())?;
         let json = serde_json::from_slice(json).map_err(|_| broken())?;
         Ok(Self { asset: asset.to_owned(), json, bin: bin.unwrap_or_default().to_vec() })

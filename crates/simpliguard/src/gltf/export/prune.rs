@@ -107,7 +107,10 @@ pub(in crate::gltf) fn each_reference(kind: Kind, object: &mut Value, visit: &mu
             one(object.get_mut("source"), Kind::Image, visit);
             items(object.get_mut("extensions")).for_each(|e| one(e.get_mut("source"), Kind::Image, visit));
         }
-        Kind::Image => one(object.get_mut("bufferView"), Kind::BufferView, visit),
+        Kind::Image => {
+            one(object.get_mut("bufferView"), Kind::BufferView, visit);
+            one(object.pointer_mut("/extras/simpliguard/bc7/bufferView"), Kind::BufferView, visit);
+        }
         Kind::Accessor => {
             for pointer in ["/bufferView", "/sparse/indices/bufferView", "/sparse/values/bufferView"] {
                 one(object.pointer_mut(pointer), Kind::BufferView, visit);
