@@ -80,7 +80,7 @@ impl Scene {
             texels: &self.texels,
             cards: None,
             keeps_area: false,
-            shows_nearest: false,
+            parts: None,
         };
         let baker = Baker { sampler: &sampler, bvh: &self.bvh, bounding_sphere: self.sphere };
         baker.bake(&target, &Cancellation::default())

@@ -45,8 +45,7 @@ impl<'a> LevelTexture<'a> {
         cards: Option<&Cards>,
         cancellation: &Cancellation,
     ) -> Vec<Option<SurfaceSample>> {
-        let target =
-            BakeTarget { mesh, atlas: self.atlas, texels: &self.texels, cards, keeps_area: true, shows_nearest: false };
+        let target = BakeTarget { mesh, atlas: self.atlas, texels: &self.texels, cards, keeps_area: true, parts: None };
         let mut samples = self.source.index.baker().bake(&target, cancellation);
         let is_opaque = || samples.iter().flatten().all(|sample| sample.color.w >= 0.5);
         if let Some(radius) = self.params.projection_radius.filter(|_| cards.is_none() && is_opaque()) {

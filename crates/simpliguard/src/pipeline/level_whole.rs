@@ -113,8 +113,7 @@ impl WholeLevel {
         let baker = index.baker();
         let texels = TexelMap::new(atlas, self.texels.size);
         let cards = shape.cards.as_ref();
-        let shows_nearest = cards.is_none();
-        let target = BakeTarget { mesh, atlas, texels: &texels, cards, keeps_area: false, shows_nearest };
+        let target = BakeTarget { mesh, atlas, texels: &texels, cards, keeps_area: false, parts: shape.parts.as_ref() };
         let samples = baker.bake(&target, task.run.cancellation());
         match &shape.cards {
             Some(cards) => self.lattices += cards.reach.len() as u32,

@@ -10,10 +10,11 @@ use super::opaque::OpaqueSurface;
 use super::params::SimplifyParams;
 use super::simplify_input::SimplifyInput;
 use super::visibility::DIRECTIONS;
+use super::walls::Walls;
 use super::{visibility, weld};
 use crate::Cancellation;
-use crate::data::{Candidate, Model, TriMesh};
-use crate::geometry::{BoundingSphere, Bvh, face_components, group_by_component};
+use crate::data::{Candidate, Model, Parts, TriMesh};
+use crate::geometry::BoundingSphere;
 
 /// Faces of a clear surface for one face of a solid one that shows as many pixels: less of its shape is seen.
 const WORTH: f64 = 0.2;
@@ -85,14 +86,17 @@ pub fn simplify_clear(inputs: &Inputs<'_>, params: &SimplifyParams, pixels: &Cle
     }
     visibility::grow(&mesh, &mut kept, KEPT_RINGS);
     let pixels = pixels.iter().zip(&kept).filter(|(_, kept)| **kept).map(|(&n, _)| n).collect();
+    let source: Vec<u32> = source.iter().zip(&kept).filter(|(_, kept)| **kept).map(|(&t, _)| t).collect();
     let input = SimplifyInput { mesh: weld::cut(&mesh.filtered(|t| kept[t])), pixels, double_sided, is_clear: true };
+    let walls = Walls::new(&input.mesh, &source, inputs.sphere.radius);
     let shapes = simplify_to_budgets(inputs, params, Candidate::Source, &input);
     let best = |(i, &budget): (usize, &u32)| {
         let rounds = shapes.iter().skip(i).step_by(params.budgets.len());
         let shape = rounds.into_iter().find(|s| (1..=budget as usize).contains(&s.mesh.triangles.len()))?;
-        let mut mesh = in_source_order(&shape.mesh, inputs.bvh);
+        let (mut mesh, of_faces) = walls.in_source_order(&shape.mesh);
         weld::move_coincident_apart(&mut mesh, weld::COINCIDENT_OFFSET * inputs.sphere.radius);
-        Some(LayerShape { mesh, double_sided, cards: None })
+        let parts = Parts { of_faces, of_source: walls.of_source(inputs.model.surface.triangles.len()) };
+        Some(LayerShape { mesh, double_sided, cards: None, parts: Some(parts) })
     };
     params.budgets.iter().enumerate().map(best).collect()
 }
@@ -107,34 +111,9 @@ fn most_are_double_sided(model: &Model, source: &[u32], pixels: &[u32]) -> bool 
     2 * double > all
 }
 
-/// The mesh with its components in the order of the source's triangles that they come from.
-fn in_source_order(mesh: &TriMesh, bvh: &Bvh) -> TriMesh {
-    let place = |t: u32| {
-        let [a, b, c] = mesh.corners(t as usize);
-        bvh.closest((a + b + c) / 3.0, f32::INFINITY).map_or(0.0, |hit| f64::from(hit.triangle))
-    };
-    let mean = |component: &[u32]| component.iter().map(|&t| place(t)).sum::<f64>() / component.len().max(1) as f64;
-    let components = group_by_component(&face_components(mesh.positions.len(), &mesh.triangles));
-    let mut components: Vec<(f64, Vec<u32>)> = components.into_iter().map(|c| (mean(&c), c)).collect();
-    components.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let triangles = components.iter().flat_map(|(_, c)| c).map(|&t| mesh.triangles[t as usize]).collect();
-    TriMesh { positions: mesh.positions.clone(), triangles }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::simplify::visibility::tests::nested;
-
-    #[test]
-    fn components_keep_the_order_of_the_source() {
-        let source = nested();
-        let mut mesh = source.clone();
-        mesh.triangles.reverse();
-        let ordered = in_source_order(&mesh, &Bvh::new(&source.positions, &source.triangles));
-        assert!(ordered.triangles[..4].iter().flatten().all(|&v| v < 4), "{:?}", ordered.triangles);
-        assert_eq!(ordered.triangles.len(), 8);
-    }
 
     #[test]
     fn a_share_follows_the_pixels_within_its_bounds() {

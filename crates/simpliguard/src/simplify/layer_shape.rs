@@ -1,6 +1,6 @@
 //! The shape of a layer beside the solid one.
 
-use crate::data::{Cards, TriMesh};
+use crate::data::{Cards, Parts, TriMesh};
 
 /// The mesh of a layer beside the solid one: a clear surface, or lattices.
 #[derive(Clone, Debug)]
@@ -11,4 +11,6 @@ pub struct LayerShape {
     pub double_sided: bool,
     /// Faces that are cut-out cards, if the layer consists of lattices.
     pub cards: Option<Cards>,
+    /// Parts of a clear surface that the faces show.
+    pub parts: Option<Parts>,
 }

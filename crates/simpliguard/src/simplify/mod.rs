@@ -28,6 +28,7 @@ mod shape;
 mod simplify_input;
 mod unit_sphere;
 mod visibility;
+mod walls;
 mod weld;
 
 use crate::Error;

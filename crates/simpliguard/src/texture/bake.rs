@@ -7,7 +7,7 @@ use super::coverage::keep_coverage;
 use super::probe::Probe;
 use super::texel_map::{Texel, TexelMap};
 use crate::Cancellation;
-use crate::data::{Atlas, Cards, NO_CARD, TriMesh};
+use crate::data::{Atlas, Cards, NO_CARD, Parts, TriMesh};
 use crate::geometry::{BoundingSphere, Bvh};
 use crate::render::{SurfaceSample, SurfaceSampler};
 
@@ -45,13 +45,13 @@ pub struct BakeTarget<'a> {
     pub cards: Option<&'a Cards>,
     /// What the cards show grows to its area in the source: leaves that lie at an angle and overlap.
     pub keeps_area: bool,
-    /// Texels show the nearest surface, not the outermost: that of a clear layer, where a wall may stand before another.
-    pub shows_nearest: bool,
+    /// Parts of the source that the faces show: of each, the nearest point, not the outermost surface.
+    pub parts: Option<&'a Parts>,
 }
 
 impl Baker<'_> {
     /// Samples the source at every texel that a triangle covers: along the level's smooth normal, from outside inwards, the
-    /// first surface within the ray distance that faces outwards; failing that, or if asked for, the nearest point. Leaves on cards then
+    /// first surface within the ray distance that faces outwards; failing that, or where parts are told, the nearest point. Leaves on cards then
     /// grow to the area of the source's leaves, if asked for.
     ///
     /// Returns one sample a texel. If cancelled, the remaining ones are `None`.
@@ -65,7 +65,7 @@ impl Baker<'_> {
 
     fn sample_texels(&self, target: &BakeTarget<'_>, cancellation: &Cancellation) -> Vec<Option<SurfaceSample>> {
         let areas = texel_areas(target);
-        let level = LevelSurface::new(target.mesh, target.cards, target.shows_nearest);
+        let level = LevelSurface::new(target.mesh, target.cards, target.parts);
         let sample = |texel: &Option<Texel>| {
             let texel = texel.filter(|_| !cancellation.is_cancelled())?;
             self.sample(&level, &texel, areas[texel.triangle as usize])
@@ -76,7 +76,7 @@ impl Baker<'_> {
     /// For each point of a level, true if the source is not cut out there. `areas` has the area that a point of each face
     /// stands for.
     pub fn shown(&self, mesh: &TriMesh, cards: Option<&Cards>, points: &[Texel], areas: &[f32]) -> Vec<bool> {
-        let level = LevelSurface::new(mesh, cards, false);
+        let level = LevelSurface::new(mesh, cards, None);
         let is_shown = |point: &Texel| {
             let sample = self.sample(&level, point, areas[point.triangle as usize]);
             sample.is_some_and(|sample| sample.color.w >= OPAQUE)
@@ -86,7 +86,7 @@ impl Baker<'_> {
 
     /// The source at one point of a level, for a texel that stands for `area`.
     fn sample(&self, level: &LevelSurface<'_>, texel: &Texel, area: f32) -> Option<SurfaceSample> {
-        let LevelSurface { mesh, normals, cards, .. } = level;
+        let LevelSurface { mesh, normals, cards, parts } = level;
         let ray_distance = RAY_DISTANCE * self.bounding_sphere.radius;
         let position = texel.interpolate(&mesh.triangles, &mesh.positions);
         let normal = texel.interpolate(&mesh.triangles, normals).normalize_or(Vec3::Y);
@@ -97,8 +97,10 @@ impl Baker<'_> {
                 let ray_distance = cards.reach[card as usize] * CARD_RAY_DISTANCE;
                 Some(Probe { ray_distance, ..probe }.sample_card(position, normal))
             }
-            _ if level.shows_nearest => probe.sample_nearest(position),
-            _ => probe.sample_surface(position, normal),
+            _ => match parts {
+                Some(parts) => probe.sample_part(position, parts, parts.of_faces[texel.triangle as usize]),
+                None => probe.sample_surface(position, normal),
+            },
         }
     }
 }
@@ -108,12 +110,12 @@ struct LevelSurface<'a> {
     mesh: &'a TriMesh,
     normals: Vec<Vec3>,
     cards: Option<&'a Cards>,
-    shows_nearest: bool,
+    parts: Option<&'a Parts>,
 }
 
 impl<'a> LevelSurface<'a> {
-    fn new(mesh: &'a TriMesh, cards: Option<&'a Cards>, shows_nearest: bool) -> Self {
-        Self { mesh, normals: mesh.vertex_normals(), cards, shows_nearest }
+    fn new(mesh: &'a TriMesh, cards: Option<&'a Cards>, parts: Option<&'a Parts>) -> Self {
+        Self { mesh, normals: mesh.vertex_normals(), cards, parts }
     }
 }
 

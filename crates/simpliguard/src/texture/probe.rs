@@ -2,7 +2,7 @@
 
 use glam::{Vec3, Vec4};
 
-use crate::data::{AlphaMode, Cards, NO_CARD, area_vector};
+use crate::data::{AlphaMode, Cards, NO_CARD, Parts, area_vector};
 use crate::geometry::{Bvh, Hit, barycentric};
 use crate::render::{Footprint, SurfaceSample, SurfaceSampler};
 
@@ -39,9 +39,10 @@ impl Probe<'_> {
         Some(self.sample(&hit))
     }
 
-    /// The point of the source that is nearest to `position`.
-    pub(super) fn sample_nearest(&self, position: Vec3) -> Option<SurfaceSample> {
-        Some(self.sample(&self.bvh.closest(position, f32::INFINITY)?))
+    /// The point of a part of the source that is nearest to `position`.
+    pub(super) fn sample_part(&self, position: Vec3, parts: &Parts, part: u32) -> Option<SurfaceSample> {
+        let hit = self.bvh.closest_where(position, f32::INFINITY, |t| parts.of_source[t as usize] == part)?;
+        Some(self.sample(&hit))
     }
 
     /// A card at `position`: the triangles of its own group from either side, clear between them.

@@ -7,7 +7,7 @@ use super::material::MaterialStatistics;
 use super::{BakeTarget, Baker, Channels, Projection, TexelMap, level_material, pbr_maps, tangents};
 use crate::Cancellation;
 use crate::data::{
-    AlphaMode, Atlas, LevelMesh, LevelTextures, Material, Model, Surface, Texture, TextureRef, TriMesh, Wrap,
+    AlphaMode, Atlas, LevelMesh, LevelTextures, Material, Model, Parts, Surface, Texture, TextureRef, TriMesh, Wrap,
     srgb_to_linear,
 };
 use crate::geometry::{BoundingSphere, Bvh};
@@ -40,10 +40,10 @@ pub(super) fn level() -> (TriMesh, Atlas) {
 }
 
 fn samples(model: &Model) -> Vec<Option<SurfaceSample>> {
-    samples_of(model, false)
+    samples_of(model, None)
 }
 
-fn samples_of(model: &Model, shows_nearest: bool) -> Vec<Option<SurfaceSample>> {
+fn samples_of(model: &Model, parts: Option<&Parts>) -> Vec<Option<SurfaceSample>> {
     let (mesh, atlas) = level();
     let bvh = Bvh::new(&model.surface.positions, &model.surface.triangles);
     let bounding_sphere = BoundingSphere::around(&model.surface.positions);
@@ -218,7 +218,7 @@ fn a_normal_map_survives_where_level_and_source_lie_alike() {
 }
 
 #[test]
-fn a_wall_behind_glass_is_shown_where_the_nearest_surface_is_asked_for() {
+fn a_wall_behind_glass_is_shown_by_faces_of_the_wall() {
     let mut model = source([plain(), plain()], Vec::new());
     // Glass of the second material before all of it.
     let glass = Material { base_color: Vec4::new(0.0, 0.0, 1.0, 1.0), ..plain() };
@@ -230,9 +230,10 @@ fn a_wall_behind_glass_is_shown_where_the_nearest_surface_is_asked_for() {
     model.surface.uvs[0].extend([Vec2::ZERO; 4]);
     model.surface.triangles.extend([[first, first + 1, first + 2], [first, first + 2, first + 3]]);
     model.surface.material.extend([2; 2]);
-    let colour = |shows_nearest| sample_at(&samples_of(&model, shows_nearest), 0.3, 0.3).color;
-    assert_eq!(colour(false), Vec4::new(0.0, 0.0, 1.0, 1.0));
-    assert_eq!(colour(true), plain().base_color);
+    let colour = |parts| sample_at(&samples_of(&model, parts), 0.3, 0.3).color;
+    assert_eq!(colour(None), Vec4::new(0.0, 0.0, 1.0, 1.0));
+    let wall = Parts { of_faces: vec![0; 2], of_source: vec![0, 0, 0, 0, 1, 1] };
+    assert_eq!(colour(Some(&wall)), plain().base_color);
 }
 
 /// The colours that an image of the square from above gives to the texels.
@@ -241,14 +242,8 @@ fn projected(model: &Model, size: usize, radius: u32) -> Vec<Option<Vec4>> {
     let bvh = Bvh::new(&model.surface.positions, &model.surface.triangles);
     let bounding_sphere = BoundingSphere::around(&model.surface.positions);
     let texels = TexelMap::new(&atlas, SIZE);
-    let target = BakeTarget {
-        mesh: &mesh,
-        atlas: &atlas,
-        texels: &texels,
-        cards: None,
-        keeps_area: false,
-        shows_nearest: false,
-    };
+    let target =
+        BakeTarget { mesh: &mesh, atlas: &atlas, texels: &texels, cards: None, keeps_area: false, parts: None };
     let sampler = SurfaceSampler::new(model);
     let cameras = [Camera::orbit(&bounding_sphere, Vec3::Z, 0.6, 1.0)];
     let projection = Projection { cameras: &cameras, size, radius };

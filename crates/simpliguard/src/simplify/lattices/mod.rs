@@ -84,7 +84,7 @@ pub fn lattice_cards(model: &Model, lattice: &[u32]) -> LayerShape {
         cards.reach.push(OrientedBox::around(&points).turned(&points).add_rectangle(&mut mesh));
         cards.group.extend([group as u32; 2]);
     }
-    LayerShape { mesh, double_sided: true, cards: Some(cards) }
+    LayerShape { mesh, double_sided: true, cards: Some(cards), parts: None }
 }
 
 #[cfg(test)]
