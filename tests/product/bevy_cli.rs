@@ -71,7 +71,8 @@ fn examples_are_found_without_a_list() {
             "progress_overlay",
             "settings",
             "shipping",
-            "village"
+            "village",
+            "world"
         ]
     );
 }

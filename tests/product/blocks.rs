@@ -37,7 +37,7 @@ fn blocks_look_as_images_do_with_and_without_their_feature() {
 }
 
 /// The pictures are full of the model where it is seen, so the background counts little.
-fn psnr(a: &[u8], b: &[u8]) -> f64 {
+pub(crate) fn psnr(a: &[u8], b: &[u8]) -> f64 {
     10.0 * (255.0 * 255.0 / mean_square(a, b).max(1e-3)).log10()
 }
 

@@ -1,6 +1,7 @@
 //! Tests of the product as a whole: what the repository ships besides code agrees with the code.
 
 mod appearance;
+mod arrival;
 mod assets;
 mod bake;
 mod bevy_cli;

@@ -15,7 +15,8 @@ use bevy::render::settings::{WgpuFeatures, WgpuSettings};
 use bevy::render::view::screenshot::{Screenshot, ScreenshotCaptured};
 use bevy::window::ExitCondition;
 use bevy::winit::WinitPlugin;
-use bevy_simpliguard::lod::{LodPlugin, LodSettings, SimpliguardLods};
+use bevy_simpliguard::lod::{LodPlugin, LodSettings, SimpliguardLods, on_demand};
+use simpliguard::gltf::Divided;
 use simpliguard::settings::{BakeSettings, Quality};
 use simpliguard::{Baked, Context, NoResources, Source, bake};
 
@@ -49,6 +50,15 @@ impl Scene {
         Self::with(glb, levels, side, plugins)
     }
 
+    /// As [`Self::new`], of a model whose source is loaded on demand from another file.
+    pub(crate) fn on_demand(model: Divided, side: u32) -> Self {
+        let sources = Dir::default();
+        let path = format!("model.glb/{}", model.source_name);
+        sources.insert_asset(Path::new(&path), model.source);
+        let levels = (model.levels, Some(sources));
+        Self::of_files(levels, LodPlugin::default(), side, without_window())
+    }
+
     /// As [`Self::new`], on a GPU without these features.
     pub(crate) fn without(features: WgpuFeatures, glb: Vec<u8>, side: u32) -> Self {
         let settings = WgpuSettings { disabled_features: Some(features), ..default() };
@@ -57,8 +67,21 @@ impl Scene {
     }
 
     fn with(glb: Vec<u8>, levels: LodPlugin, side: u32, plugins: PluginGroupBuilder) -> Self {
+        Self::of_files((glb, None), levels, side, plugins)
+    }
+
+    fn of_files(
+        (glb, sources): (Vec<u8>, Option<Dir>),
+        levels: LodPlugin,
+        side: u32,
+        plugins: PluginGroupBuilder,
+    ) -> Self {
         let (mut app, dir) = (App::new(), Dir::default());
         dir.insert_asset(Path::new("model.glb"), glb);
+        if let Some(sources) = sources {
+            let reader = move || Box::new(MemoryAssetReader { root: sources.clone() }) as Box<_>;
+            app.register_asset_source(on_demand::SOURCE, AssetSourceBuilder::new(reader));
+        }
         app.register_asset_source(
             AssetSourceId::Default,
             AssetSourceBuilder::new(move || Box::new(MemoryAssetReader { root: dir.clone() })),

@@ -264,14 +264,14 @@ mod tests {
 
     #[test]
     fn the_source_is_seen_below_a_distance_of_one() {
-        let rungs = rungs([0.0, 0.01, 0.02], 0.5);
-        // The first level begins at a size of 100 pixels, and is alone at two thirds of it.
-        assert_eq!(source_distance(&rungs, 200.0 / 3.0, 1.0, 0.5), 1.0);
-        assert_eq!(source_distance(&rungs, 200.0, 1.0, 0.5), 1.0 / 3.0);
-        assert_eq!(choose(&rungs, 70.0, 1.0, 0.5, 0).slot, 0);
-        assert_eq!(choose(&rungs, 66.0, 1.0, 0.5, 0), Choice::only(1));
-        assert_eq!(source_distance(&rungs, 200.0, 0.0, 0.5), 0.0);
-        assert_eq!(source_distance(&rungs[..1], 200.0, 1.0, 0.5), 0.0);
+        let rungs = rungs([0.0, 1.0 / 128.0, 1.0 / 32.0], 1.0);
+        // The first level begins at a size of 128 pixels, and is alone at half of it.
+        assert_eq!(source_distance(&rungs, 64.0, 1.0, 1.0), 1.0);
+        assert_eq!(source_distance(&rungs, 256.0, 1.0, 1.0), 0.25);
+        assert_eq!(choose(&rungs, 66.0, 1.0, 1.0, 0).slot, 0);
+        assert_eq!(choose(&rungs, 64.0, 1.0, 1.0, 0), Choice::only(1));
+        assert_eq!(source_distance(&rungs, 200.0, 0.0, 1.0), 0.0);
+        assert_eq!(source_distance(&rungs[..1], 200.0, 1.0, 1.0), 0.0);
         assert_eq!(source_distance(&super::rungs([0.0, 0.0], 0.5), 200.0, 1.0, 0.5), f32::INFINITY);
     }
 

@@ -113,8 +113,9 @@ pub(in crate::lod) fn update(
     mut instances: Instances<'_, '_>,
 ) {
     let residency = &mut *residency;
-    for path in contents.loaded() {
-        if let Some(model) = residency.models.get_mut(&path) {
+    let loaded = contents.loaded();
+    for path in &loaded {
+        if let Some(model) = residency.models.get_mut(path) {
             // Its file has brought its own placeholders.
             model.places.forget();
             (model.phase, model.steps) = (Phase::Away, 0);
@@ -126,15 +127,19 @@ pub(in crate::lod) fn update(
     if is_look {
         residency.look(&settings, &mut instances);
     }
-    let mut changed = HashSet::new();
+    let (mut changed, mut is_seen_otherwise) = (HashSet::new(), is_look || !loaded.is_empty());
     for (path, model) in &mut residency.models {
+        let steps = model.steps;
         if model.step(path, &mut contents) {
             changed.insert(path.clone());
         }
+        is_seen_otherwise |= model.steps != steps;
     }
     residency.models.retain(|_, model| !matches!(model.phase, Phase::Away) || model.places.is_loaded(&contents.meshes));
     residency.start(&settings, &contents.server);
-    residency.show(&mut instances);
+    if is_seen_otherwise {
+        residency.show(&mut instances);
+    }
     if !changed.is_empty() {
         let entities = instances.entities(&changed);
         commands.queue(move |world: &mut World| materials::refresh(world, entities));
