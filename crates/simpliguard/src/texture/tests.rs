@@ -48,8 +48,7 @@ fn samples_of(model: &Model, parts: Option<&Parts>) -> Vec<Option<SurfaceSample>
     let bvh = Bvh::new(&model.surface.positions, &model.surface.triangles);
     let bounding_sphere = BoundingSphere::around(&model.surface.positions);
     let texels = TexelMap::new(&atlas, SIZE);
-    let target =
-        BakeTarget { mesh: &mesh, atlas: &atlas, texels: &texels, cards: None, keeps_area: false, shows_nearest };
+    let target = BakeTarget { mesh: &mesh, atlas: &atlas, texels: &texels, cards: None, keeps_area: false, parts };
     let sampler = SurfaceSampler::new(model);
     Baker { sampler: &sampler, bvh: &bvh, bounding_sphere }.bake(&target, &Cancellation::default())
 }

@@ -5,7 +5,7 @@ use bevy::image::Image;
 use bevy::mesh::{Indices, Mesh, PrimitiveTopology};
 use bevy::prelude::*;
 
-use super::OnDemandSource;
+use super::components::OnDemandSource;
 use crate::lod::memory::{bytes_of_image, bytes_of_mesh};
 
 /// Bytes of meshes and textures that are moved in one frame, but for the last one: what an upload to the GPU takes little

@@ -8,9 +8,10 @@ use bevy::platform::collections::{HashMap, HashSet};
 use bevy::prelude::*;
 use bevy::world_serialization::WorldAsset;
 
+use super::components::{OnDemandSource, Presence, SourceSettings, SourceStats};
 use super::contents::{Filled, Places, Stores};
+use super::materials;
 use super::need::{Candidate, NEAR, choose, distance_ahead};
-use super::{OnDemandSource, SourceSettings, SourceStats, materials};
 use crate::lod::components::LodGroup;
 use crate::lod::distance::FADE_STEPS;
 use crate::lod::switch::LodState;
@@ -21,21 +22,6 @@ const INTERVAL: f32 = 0.1;
 const MOST_LOADS: usize = 4;
 /// Frames after which a renderer has what was moved into its place.
 const SETTLING: u8 = 3;
-
-/// The sixteenths of an instance's source that may be seen, and what is known of its distance. 0 while the source is away.
-#[derive(Component, Reflect, Clone, Debug)]
-#[reflect(Component, Clone)]
-pub(in crate::lod) struct Presence {
-    pub(in crate::lod) steps: u8,
-    /// The distance at the last look.
-    before: f32,
-}
-
-impl Default for Presence {
-    fn default() -> Self {
-        Self { steps: 0, before: f32::INFINITY }
-    }
-}
 
 /// The sources that are there or on their way, by the paths of their models.
 #[derive(Resource, Default)]

@@ -6,7 +6,8 @@ use bevy::prelude::*;
 use gltf::json::deserialize;
 use serde::Deserialize;
 
-use super::{OnDemandSource, SOURCE};
+use super::asset_source::SOURCE;
+use super::components::OnDemandSource;
 
 #[derive(Deserialize)]
 struct Extras {

@@ -7,14 +7,16 @@
 //!
 //! What no level stands for stays with the levels: other nodes, and images that others show too.
 
+mod extras;
 mod part;
 mod placeholder;
 
 #[cfg(test)]
 mod tests;
 
-use serde_json::{Value, json};
+use serde_json::json;
 
+use self::extras::set_extras;
 use self::part::SourcePart;
 use super::export::builder::{Builder, Kind};
 use super::export::prune::prune;
@@ -71,11 +73,4 @@ pub fn divide_source(asset: &str, glb: &[u8]) -> Result<Option<Divided>, Error> 
     );
     prune(&mut levels, &KEPT);
     Ok(Some(Divided { levels: levels.into_glb()?, source, source_name }))
-}
-
-/// Writes `asset.extras.simpliguard`.
-fn set_extras(out: &mut Builder, extras: Value) {
-    if let Some(asset) = out.json.get_mut("asset") {
-        asset["extras"]["simpliguard"] = extras;
-    }
 }

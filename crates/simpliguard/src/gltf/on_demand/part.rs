@@ -6,8 +6,9 @@ use bytes::Bytes;
 use serde_json::{Value, json};
 use simpliguard_texture::ImageExtras;
 
+use super::extras::set_extras;
 use super::placeholder::{can_replace_mesh, replace_image, replace_mesh};
-use super::set_extras;
+
 use crate::data::Document;
 use crate::gltf::export::builder::{Builder, Kind, index, indices};
 use crate::gltf::export::prune::each_reference;

@@ -320,7 +320,7 @@ mod tests {
         ];
         assert_eq!(
             (PIPELINE_VERSION, keys.map(|key| key.hex()[..16].to_owned())),
-            ("18", ["a9c61d76201b62c6", "7e924f600f5e44d3"].map(str::to_owned))
+            ("19", ["06586539f3542544", "55d195a5819ae3ff"].map(str::to_owned))
         );
     }
 }

@@ -2,7 +2,7 @@
 
 use glam::Vec3;
 
-use super::Lattice;
+use super::lattice::Lattice;
 use super::part::{Part, WIDTH};
 use crate::geometry::DisjointSets;
 

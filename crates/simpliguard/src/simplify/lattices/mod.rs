@@ -5,6 +5,7 @@
 //! lattice is seen to be flat, so the rectangle has its true outline from everywhere.
 
 mod bars;
+mod lattice;
 mod part;
 
 use std::cmp::Reverse;
@@ -18,17 +19,10 @@ use super::weld;
 use bars::planes_of_bars;
 use part::Part;
 
+pub use lattice::Lattice;
+
 /// Fewest triangles of a lattice: what has fewer is cheap as it is.
 const FEWEST_TRIANGLES: usize = 100;
-
-/// A flat part of a surface with many bars.
-#[derive(Clone, Debug)]
-pub struct Lattice {
-    /// Its triangles, ascending.
-    pub triangles: Vec<u32>,
-    /// The number of its bars, or of its holes.
-    pub bars: u32,
-}
 
 /// Finds the lattices of a surface. At most `most`, those of the most triangles first.
 ///
