@@ -6,8 +6,8 @@ use simpliguard::refine::LowPoly;
 use simpliguard::render::{Rect, View, to_pixels};
 use wgpu::{Buffer, BufferUsages, ComputePass};
 
+use crate::device::GpuDevice;
 use crate::error::GpuError;
-use crate::gpu::Gpu;
 use crate::kernels::{Bindings, Slot, TILE, groups};
 
 /// The terms of the work on a view. Each kernel uses some of them.
@@ -69,7 +69,7 @@ pub(crate) fn most_tiles(size: usize) -> usize {
 
 impl Frame {
     /// For views of `size` x `size` pixels.
-    pub(crate) fn new(gpu: &Gpu, low: &LowPoly, size: usize) -> Result<Self, GpuError> {
+    pub(crate) fn new(gpu: &GpuDevice, low: &LowPoly, size: usize) -> Result<Self, GpuError> {
         let (pixels, triangles, positions) = (size * size, low.triangles.len(), low.positions.len());
         let buffer = |slot, what, bytes| Ok::<_, GpuError>((slot, gpu.buffer(what, bytes)?));
         let buffers = vec![
@@ -111,7 +111,7 @@ impl Frame {
     }
 
     /// Sends the vertices and the parameters of a view. `source` is the rectangle that the source covers.
-    pub(crate) fn prepare(&mut self, gpu: &Gpu, low: &LowPoly, (view, source): (&View, Rect), terms: Terms) {
+    pub(crate) fn prepare(&mut self, gpu: &GpuDevice, low: &LowPoly, (view, source): (&View, Rect), terms: Terms) {
         let size = view.image.size;
         low.motions.project(&low.positions, &view.camera.view_projection, view.pose, &mut self.clip);
         let vertex =
@@ -143,7 +143,7 @@ impl Frame {
     }
 
     /// Finds visibility, and the blends across silhouettes.
-    pub(crate) fn find_visible(&self, gpu: &Gpu, pass: &mut ComputePass<'_>, bindings: &Bindings<'_>) {
+    pub(crate) fn find_visible(&self, gpu: &GpuDevice, pass: &mut ComputePass<'_>, bindings: &Bindings<'_>) {
         let (device, kernels) = (&gpu.device, &gpu.kernels);
         kernels.set_up.run(pass, device, bindings, groups(self.triangles, 64));
         kernels.rasterise.run(pass, device, bindings, self.tiles);
@@ -155,24 +155,24 @@ impl Frame {
     }
 
     /// Runs the whole forward pass.
-    pub(crate) fn render(&self, gpu: &Gpu, pass: &mut ComputePass<'_>, bindings: &Bindings<'_>) {
+    pub(crate) fn render(&self, gpu: &GpuDevice, pass: &mut ComputePass<'_>, bindings: &Bindings<'_>) {
         self.find_visible(gpu, pass, bindings);
         gpu.kernels.shade.run(pass, &gpu.device, bindings, self.tiles);
         gpu.kernels.blend.run(pass, &gpu.device, bindings, self.tiles);
     }
 
     /// Sums up the squared errors of each tile.
-    pub(crate) fn squared_errors(&self, gpu: &Gpu, pass: &mut ComputePass<'_>, bindings: &Bindings<'_>) {
+    pub(crate) fn squared_errors(&self, gpu: &GpuDevice, pass: &mut ComputePass<'_>, bindings: &Bindings<'_>) {
         gpu.kernels.squared_errors.run(pass, &gpu.device, bindings, self.tiles);
     }
 
     /// Adds the pixels to the normal equations of the texture.
-    pub(crate) fn assemble(&self, gpu: &Gpu, pass: &mut ComputePass<'_>, bindings: &Bindings<'_>) {
+    pub(crate) fn assemble(&self, gpu: &GpuDevice, pass: &mut ComputePass<'_>, bindings: &Bindings<'_>) {
         gpu.kernels.assemble.run(pass, &gpu.device, bindings, self.tiles);
     }
 
     /// Finds the image loss, and carries its gradient back to the vertices.
-    pub(crate) fn backward(&self, gpu: &Gpu, pass: &mut ComputePass<'_>, bindings: &Bindings<'_>) {
+    pub(crate) fn backward(&self, gpu: &GpuDevice, pass: &mut ComputePass<'_>, bindings: &Bindings<'_>) {
         let (device, kernels) = (&gpu.device, &gpu.kernels);
         kernels.find_residual.run(pass, device, bindings, self.tiles);
         kernels.image_loss.run(pass, device, bindings, self.tiles);

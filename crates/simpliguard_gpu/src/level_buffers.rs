@@ -5,8 +5,8 @@ use glam::Vec4;
 use simpliguard::refine::{CoveredViews, LowPoly, TexelGrid};
 use wgpu::Buffer;
 
+use crate::device::GpuDevice;
 use crate::error::GpuError;
-use crate::gpu::Gpu;
 use crate::kernels::Slot;
 
 /// A triangle as the shaders have it.
@@ -32,7 +32,7 @@ pub(crate) struct LevelBuffers {
 }
 
 impl LevelBuffers {
-    pub(crate) fn new(gpu: &Gpu, low: &LowPoly, views: &CoveredViews<'_>) -> Result<Self, GpuError> {
+    pub(crate) fn new(gpu: &GpuDevice, low: &LowPoly, views: &CoveredViews<'_>) -> Result<Self, GpuError> {
         let triangle = |t: usize| Triangle {
             vertices: low.triangles[t],
             neighbours: low.neighbours[t],
@@ -53,7 +53,7 @@ impl LevelBuffers {
     }
 
     /// Sends the texture, if it has changed. A comparison is cheaper than the transfer.
-    pub(crate) fn update_texture(&mut self, gpu: &Gpu, texels: &[Vec4]) {
+    pub(crate) fn update_texture(&mut self, gpu: &GpuDevice, texels: &[Vec4]) {
         if self.sent != texels {
             self.sent.copy_from_slice(texels);
             gpu.queue.write_buffer(&self.texels, 0, bytemuck::cast_slice(texels));

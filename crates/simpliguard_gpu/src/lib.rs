@@ -11,6 +11,7 @@
 //! A device that is lost, has no memory or takes too long is an error of the level, which is then refined on the CPU.
 
 mod adapter;
+mod device;
 mod error;
 mod frame;
 mod gpu;

@@ -6,16 +6,16 @@ use simpliguard::refine::{BATCH, CoveredViews, DeviceError, Drawing, LevelRender
 use simpliguard::render::{Rect, View};
 use wgpu::{Buffer, BufferUsages, CommandEncoder, ComputePassDescriptor};
 
+use crate::device::GpuDevice;
 use crate::error::GpuError;
 use crate::frame::{Frame, Terms, VECTOR, most_tiles};
-use crate::gpu::Gpu;
 use crate::kernels::{Bindings, Slot};
 use crate::level_buffers::LevelBuffers;
 use crate::texture_least_squares::TextureSolver;
 
 /// A level, its views, and the buffers to render it with.
 pub(crate) struct Renderer<'a> {
-    gpu: &'a Gpu,
+    gpu: &'a GpuDevice,
     views: CoveredViews<'a>,
     cancellation: &'a Cancellation,
     level: LevelBuffers,
@@ -29,7 +29,7 @@ pub(crate) struct Renderer<'a> {
 
 impl<'a> Renderer<'a> {
     pub(crate) fn new(
-        gpu: &'a Gpu,
+        gpu: &'a GpuDevice,
         low: &LowPoly,
         views: CoveredViews<'a>,
         cancellation: &'a Cancellation,

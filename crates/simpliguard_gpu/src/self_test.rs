@@ -3,10 +3,8 @@
 use glam::{Mat4, Vec2, Vec3, Vec4};
 use simpliguard::Cancellation;
 use simpliguard::data::{Atlas, TriMesh};
-use simpliguard::refine::{Backend, CoveredViews, Cpu, Drawing, LowPoly, TexelGrid};
+use simpliguard::refine::{Backend, CoveredViews, Cpu, Device, Drawing, LowPoly, TexelGrid};
 use simpliguard::render::{Camera, Image, View};
-
-use crate::gpu::Gpu;
 
 /// Sides of the image and of the texture.
 const SIZE: usize = 64;
@@ -46,7 +44,7 @@ fn draw<E>(backend: &dyn Backend<Error = E>, low: &LowPoly, view: &View) -> Resu
 ///
 /// # Errors
 /// What is wrong, in words.
-pub(crate) fn run(gpu: &Gpu) -> Result<(), String> {
+pub(crate) fn run(gpu: &Device) -> Result<(), String> {
     let (low, view) = (scene(), view());
     let found = draw(gpu, &low, &view).map_err(|e| e.to_string())?;
     let Ok(expected) = draw(&Cpu, &low, &view);

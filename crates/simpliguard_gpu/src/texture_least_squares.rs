@@ -6,9 +6,9 @@ use simpliguard::refine::TexelGrid;
 use simpliguard::render::fill_unknown;
 use wgpu::{Buffer, ComputePass};
 
+use crate::device::GpuDevice;
 use crate::error::GpuError;
 use crate::frame::VECTOR;
-use crate::gpu::Gpu;
 use crate::kernels::{Bindings, Slot, groups};
 
 /// Iterations of the conjugate gradients.
@@ -25,7 +25,7 @@ pub(crate) struct TextureSolver {
 
 impl TextureSolver {
     /// For a texture of `size` x `size` texels.
-    pub(crate) fn new(gpu: &Gpu, size: usize) -> Result<Self, GpuError> {
+    pub(crate) fn new(gpu: &GpuDevice, size: usize) -> Result<Self, GpuError> {
         let texels = size * size;
         let [columns, rows] = groups(texels, PER_GROUP);
         let buffer = |slot, what, bytes| Ok::<_, GpuError>((slot, gpu.buffer(what, bytes)?));
@@ -54,12 +54,12 @@ impl TextureSolver {
     }
 
     /// Begins without any pixel.
-    pub(crate) fn clear(&self, gpu: &Gpu, pass: &mut ComputePass<'_>, bindings: &Bindings<'_>) {
+    pub(crate) fn clear(&self, gpu: &GpuDevice, pass: &mut ComputePass<'_>, bindings: &Bindings<'_>) {
         gpu.kernels.clear_sums.run(pass, &gpu.device, bindings, groups(self.texels, PER_GROUP));
     }
 
     /// Solves the equations of all pixels so far. Steps after the last needed one have no length.
-    pub(crate) fn solve(&self, gpu: &Gpu, pass: &mut ComputePass<'_>, bindings: &Bindings<'_>) {
+    pub(crate) fn solve(&self, gpu: &GpuDevice, pass: &mut ComputePass<'_>, bindings: &Bindings<'_>) {
         let (device, kernels, all) = (&gpu.device, &gpu.kernels, groups(self.texels, PER_GROUP));
         kernels.regularise.run(pass, device, bindings, all);
         kernels.begin_descent.run(pass, device, bindings, all);
