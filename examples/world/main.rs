@@ -182,7 +182,7 @@ fn wait(
         println!("the models were baked: start again for the time to the first frame");
     }
     let mut sum = Memory::default();
-    for model in memory_of(&groups, &meshes, &images) {
+    for model in memory_of(groups, &meshes, &images) {
         sum += model.source;
         sum += model.levels;
     }

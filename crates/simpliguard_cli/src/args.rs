@@ -87,7 +87,7 @@ pub(crate) struct ModelArgs {
     /// Longest time for one model, such as `90s` or `10m`. A model that takes longer fails, and the next one is baked.
     #[arg(long, value_name = "DURATION", value_parser = humantime::parse_duration)]
     pub(crate) timeout: Option<Duration>,
-    /// The processor that refines levels: `auto` takes a GPU if there is one; else `backend` of the project, else `auto`. The
+    /// The processor that refines levels: `auto` takes a GPU if there is one; else `backend` of the project, else `cpu`. The
     /// results of another processor differ by rounding.
     #[arg(long, value_name = "BACKEND", value_parser = backend_parser())]
     pub(crate) backend: Option<BackendChoice>,

@@ -60,9 +60,9 @@ pub struct ProjectSettings {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub enum BackendChoice {
     /// A GPU, if the machine has one, else the CPU.
-    #[default]
     Auto,
     /// The CPU. It gives the same bytes on every machine.
+    #[default]
     Cpu,
     /// A GPU, and the CPU with a warning if there is none.
     Gpu,

@@ -182,7 +182,7 @@ mod tests {
     #[test]
     fn bars_of_several_bones_are_no_lattice() {
         let mut surface = cube_and_bars(16);
-        let joint = |v: usize| Influences::rigid(u16::from(v / 8 % 2 == 0));
+        let joint = |v: usize| Influences::rigid(u16::from((v / 8).is_multiple_of(2)));
         surface.influences = (0..surface.positions.len()).map(joint).collect();
         assert!(find(&surface).is_empty());
         surface.influences.fill(Influences::rigid(0));
