@@ -4,7 +4,6 @@ use glam::Vec3;
 
 use super::lattice::Lattice;
 use super::part::{Part, WIDTH};
-use crate::geometry::DisjointSets;
 
 /// Fewest bars of a lattice.
 const BARS: usize = 12;
@@ -17,41 +16,61 @@ const SEEDS: usize = 150;
 /// Neighbours of a bar with which it spans a plane.
 const NEIGHBOURS: usize = 6;
 /// More bars are a haystack.
-const MOST_BARS: usize = 10_000;
+const MOST_BARS: usize = 3000;
+/// Bars beside one bar that count.
+const MOST_BESIDE: usize = 16;
 /// Sine of the least angle between bars that span a plane by their directions.
 const ACROSS: f32 = 0.3;
 
 /// The lattices among bars, at most `most`. The plane with the most triangles comes first, and takes
 /// its bars from the others.
-pub(super) fn planes_of_bars(mut bars: Vec<Part>, radius: f32, most: usize) -> Vec<Lattice> {
+pub(super) fn planes_of_bars(bars: &[Part], radius: f32, most: usize) -> Vec<Lattice> {
     let mut lattices = Vec::new();
     if bars.len() > MOST_BARS {
         return lattices;
     }
-    while lattices.len() < most && bars.len() >= BARS {
-        let Some(members) = Planes { bars: &bars, radius }.best() else { break };
-        let mut is_member = vec![false; bars.len()];
-        members.iter().for_each(|&m| is_member[m] = true);
+    let mut planes = Planes { bars, radius, beside: beside(bars, GAP * radius), free: (0..bars.len()).collect() };
+    while lattices.len() < most && planes.free.len() >= BARS {
+        let Some(members) = planes.best() else { break };
         let mut triangles: Vec<u32> = members.iter().flat_map(|&m| bars[m].triangles.iter().copied()).collect();
         triangles.sort_unstable();
         lattices.push(Lattice { triangles, bars: members.len() as u32 });
-        let mut is_member = is_member.into_iter();
-        bars.retain(|_| !is_member.next().unwrap_or(false));
+        planes.free.retain(|bar| !members.contains(bar));
     }
     lattices
+}
+
+/// For each bar, those that are within `gap`: of each bar, the nearest few.
+fn beside(bars: &[Part], gap: f32) -> Vec<Vec<usize>> {
+    let ends: Vec<[Vec3; 2]> = bars.iter().map(Part::ends).collect();
+    let mut beside = vec![Vec::new(); bars.len()];
+    for i in 0..bars.len() {
+        let distances = (0..bars.len()).filter(|&j| j != i).map(|j| (segment_distance(ends[i], ends[j]), j));
+        let mut near: Vec<(f32, usize)> = distances.filter(|(distance, _)| *distance <= gap).collect();
+        near.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        for (_, j) in near.into_iter().take(MOST_BESIDE) {
+            beside[i].push(j);
+            beside[j].push(i);
+        }
+    }
+    beside
 }
 
 struct Planes<'a> {
     bars: &'a [Part],
     radius: f32,
+    /// For each bar, those beside it.
+    beside: Vec<Vec<usize>>,
+    /// Bars of no lattice yet.
+    free: Vec<usize>,
 }
 
 impl Planes<'_> {
     /// The bars of the plane with the most triangles.
     fn best(&self) -> Option<Vec<usize>> {
-        let stride = self.bars.len().div_ceil(SEEDS);
+        let stride = self.free.len().div_ceil(SEEDS);
         let mut best: Option<(usize, Vec<usize>)> = None;
-        for seed in (0..self.bars.len()).step_by(stride) {
+        for &seed in self.free.iter().step_by(stride) {
             for other in self.neighbours(seed) {
                 let Some(normal) = self.normal(seed, other) else { continue };
                 let members = self.in_plane(seed, normal);
@@ -60,7 +79,7 @@ impl Planes<'_> {
                 if members.len() < BARS || self.triangles(&members) <= least {
                     continue;
                 }
-                let members = self.together_with(seed, members);
+                let members = self.together_with(seed, &members);
                 let triangles = self.triangles(&members);
                 if members.len() >= BARS && triangles > least && self.is_wide(&members, normal) {
                     best = Some((triangles, members));
@@ -78,7 +97,7 @@ impl Planes<'_> {
     fn neighbours(&self, seed: usize) -> Vec<usize> {
         let centre = self.bars[seed].around.centre;
         let is_other = |&i: &usize| i != seed && self.bars[i].bone == self.bars[seed].bone;
-        let mut others: Vec<usize> = (0..self.bars.len()).filter(is_other).collect();
+        let mut others: Vec<usize> = self.free.iter().copied().filter(is_other).collect();
         let distance = |i: usize| self.bars[i].around.centre.distance_squared(centre);
         let order = |a: &usize, b: &usize| distance(*a).total_cmp(&distance(*b)).then(a.cmp(b));
         if others.len() > NEIGHBOURS {
@@ -101,23 +120,26 @@ impl Planes<'_> {
         let (origin, bone) = (self.bars[seed].around.centre, self.bars[seed].bone);
         let is_near = |end: Vec3| (end - origin).dot(normal).abs() <= OFF_PLANE * self.radius;
         let is_member = |&i: &usize| self.bars[i].bone == bone && self.bars[i].ends().into_iter().all(is_near);
-        (0..self.bars.len()).filter(is_member).collect()
+        self.free.iter().copied().filter(is_member).collect()
     }
 
-    /// Those of the members that small gaps connect with the seed.
-    fn together_with(&self, seed: usize, members: Vec<usize>) -> Vec<usize> {
-        let mut sets = DisjointSets::new(members.len());
-        let ends: Vec<[Vec3; 2]> = members.iter().map(|&m| self.bars[m].ends()).collect();
-        for i in 0..members.len() {
-            for j in 0..i {
-                if sets.find(i) != sets.find(j) && segment_distance(ends[i], ends[j]) <= GAP * self.radius {
-                    sets.join(i, j);
+    /// Those of the members that small gaps connect with the seed, ascending.
+    fn together_with(&self, seed: usize, members: &[usize]) -> Vec<usize> {
+        let mut is_open = vec![false; self.bars.len()];
+        members.iter().for_each(|&m| is_open[m] = true);
+        let (mut together, mut next) = (vec![seed], 0);
+        is_open[seed] = false;
+        while let Some(&bar) = together.get(next) {
+            next += 1;
+            for &other in &self.beside[bar] {
+                if is_open[other] {
+                    is_open[other] = false;
+                    together.push(other);
                 }
             }
         }
-        let roots = sets.roots();
-        let place = members.iter().position(|&m| m == seed).unwrap_or(0);
-        members.into_iter().zip(&roots).filter(|(_, root)| **root == roots[place]).map(|(m, _)| m).collect()
+        together.sort_unstable();
+        together
     }
 
     /// The bars spread in both directions of the plane.

@@ -45,13 +45,14 @@ pub fn find_lattices(surface: &Surface, is_eligible: &dyn Fn(u32) -> bool, most:
         let source = source(&triangles);
         let Some(bone) = bone(surface, &source) else { continue };
         let part = Part::new(&mesh, &triangles, source, bone);
-        if let Some(holes) = part.holes(&mesh, &triangles, radius) {
+        let holes = (triangles.len() >= FEWEST_TRIANGLES).then(|| part.holes(&mesh, &triangles, radius)).flatten();
+        if let Some(holes) = holes {
             lattices.push(Lattice { triangles: part.triangles, bars: holes });
         } else if part.is_bar(radius) {
             bars.push(part);
         }
     }
-    lattices.extend(planes_of_bars(bars, radius, most));
+    lattices.extend(planes_of_bars(&bars, radius, most));
     lattices.retain(|lattice| lattice.triangles.len() >= FEWEST_TRIANGLES);
     lattices.sort_by_key(|lattice| (Reverse(lattice.triangles.len()), lattice.triangles[0]));
     lattices.truncate(most);

@@ -1,5 +1,7 @@
 //! Components that are lattices or bars of one.
 
+use std::collections::HashMap;
+
 use glam::Vec3;
 
 use crate::data::TriMesh;
@@ -66,8 +68,16 @@ impl Part {
 /// The number of holes through a component: its genus if it is closed, one less than the number of its borders if it is
 /// flat.
 fn holes(mesh: &TriMesh, triangles: &[u32]) -> i64 {
-    let triangles = triangles.iter().map(|&t| mesh.triangles[t as usize]).collect();
-    let Topology { edges, euler_characteristic, .. } =
-        Topology::of(&TriMesh { positions: mesh.positions.clone(), triangles });
+    let (mut component, mut ids) = (TriMesh::default(), HashMap::new());
+    for &t in triangles {
+        let triangle = mesh.triangles[t as usize].map(|v| {
+            *ids.entry(v).or_insert_with(|| {
+                component.positions.push(mesh.positions[v as usize]);
+                component.positions.len() as u32 - 1
+            })
+        });
+        component.triangles.push(triangle);
+    }
+    let Topology { edges, euler_characteristic, .. } = Topology::of(&component);
     if edges.boundary == 0 { 1 - euler_characteristic / 2 } else { 1 - euler_characteristic }
 }
