@@ -1,6 +1,6 @@
 //! The layers of the levels beside the solid one: clear surfaces, and lattices as cards.
 
-use super::layers::{LayerKind, SourceLayers};
+use super::layers::{CUTOFF, LayerKind, SourceLayers};
 use super::params::Params;
 use super::runner::Runner;
 use super::source::{PreparedSource, SourceIndex, StageTools};
@@ -9,8 +9,6 @@ use crate::data::{AlphaMode, Material, Model, Transmission, area_vector};
 use crate::simplify::{self, ClearPixels, LayerShape, SimplifyParams};
 use crate::{Error, Source, StageId};
 
-/// Alpha from which on a card is opaque.
-const CUTOFF: f32 = 0.5;
 /// Fewest faces of a solid layer.
 const FEWEST_SOLID: u32 = 4;
 

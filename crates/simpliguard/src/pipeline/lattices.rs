@@ -3,7 +3,7 @@
 use super::extra_layers;
 use super::layers::{self, SourceLayers};
 use super::level_maker::{LevelMaker, Made};
-use super::report::{LevelReport, Likeness};
+use super::report::LevelReport;
 use super::source::{PreparedSource, SourceIndex};
 use super::store;
 use super::views::Views;
@@ -26,8 +26,8 @@ pub(super) fn replace(source: &Source<'_>, maker: &mut LevelMaker<'_>, made: &mu
     let find = || layers::lattices(whole, smallest / FACES_PER_LATTICE);
     let lattices = run.time(StageId::Simplify, find);
     let crowded = |report: &LevelReport| is_crowded(&lattices, report.budget, maker.source_faces());
-    let crowded: Vec<bool> = made.reports.iter().map(crowded).collect();
-    if !crowded.contains(&true) {
+    let crowded: Vec<usize> = (0..made.reports.len()).filter(|&i| crowded(&made.reports[i])).collect();
+    if crowded.is_empty() {
         return Ok(());
     }
     let layers = run.time(StageId::Import, || SourceLayers::divide(whole, &lattices));
@@ -45,9 +45,9 @@ pub(super) fn replace(source: &Source<'_>, maker: &mut LevelMaker<'_>, made: &mu
         params,
         run: &run,
     };
-    for (i, _) in crowded.iter().enumerate().filter(|(_, crowded)| **crowded) {
+    for i in crowded {
         let again = with_cards.make_again(i, made.reports[i].budget)?;
-        if psnr(&again.1) > psnr(&made.reports[i]) {
+        if again.1.mean_psnr() > made.reports[i].mean_psnr() {
             (made.levels[i], made.reports[i]) = again;
         }
     }
@@ -60,10 +60,6 @@ fn is_crowded(lattices: &[Lattice], budget: u32, source_faces: usize) -> bool {
     let bars: u32 = lattices.iter().map(|lattice| lattice.bars).sum();
     let share = triangles as f64 * f64::from(budget) / source_faces.max(1) as f64;
     share < FACES_PER_BAR * f64::from(bars)
-}
-
-fn psnr(report: &LevelReport) -> f32 {
-    report.likeness.as_ref().map_or(0.0, Likeness::mean_psnr)
 }
 
 #[cfg(test)]

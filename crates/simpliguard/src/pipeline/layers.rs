@@ -13,8 +13,8 @@ use crate::simplify::{Lattice, find_lattices};
 const INVISIBLE: f32 = 3.0 / 255.0;
 /// Least alpha of a triangle that hides what is behind.
 const HIDING: f32 = 0.98;
-/// The threshold for a cut-out whose material has none.
-const CUTOFF: f32 = 0.5;
+/// The threshold for a cut-out whose material has none, and for those of levels.
+pub(super) const CUTOFF: f32 = 0.5;
 /// Fewest triangles that lattices leave to the solid layer.
 const FEWEST_SOLID: usize = 100;
 

@@ -7,7 +7,7 @@ use super::level_task::{LevelTask, Levels};
 use super::level_texture::LevelTexture;
 use super::level_whole::{Finished, WholeLevel};
 use super::params::LevelParams;
-use super::report::{LevelReport, Likeness};
+use super::report::LevelReport;
 use super::runner::Runner;
 use super::store::{atlas_key, choice_key, vertices_key, warm_start_key};
 use super::texture_sizes::LevelView;
@@ -118,9 +118,9 @@ enum Choice {
     RunnerUp,
 }
 
-/// How much a level looks like its source, in dB; 0 if nobody has looked.
+/// How much a level that was made looks like its source, in dB.
 fn psnr((_, report): &(Level, LevelReport)) -> f32 {
-    report.likeness.as_ref().map_or(0.0, Likeness::mean_psnr)
+    report.mean_psnr()
 }
 
 /// A level's mesh with its initial texture, and how the texture is fitted.

@@ -3,6 +3,7 @@
 use glam::Vec4;
 
 use super::extra_layers::{ExtraLayer, transmission};
+use super::layers::CUTOFF;
 use super::level_task::LevelTask;
 use super::likeness::SourcePictures;
 use super::report::{ClearReport, LevelReport, LevelTopology, Likeness};
@@ -70,7 +71,7 @@ impl WholeLevel {
         let model = source.index.model;
         let layer = Layer {
             faces: mesh.triangles.len(),
-            alpha_mode: if cut_out { AlphaMode::Mask { cutoff: 0.5 } } else { AlphaMode::Opaque },
+            alpha_mode: if cut_out { AlphaMode::Mask { cutoff: CUTOFF } } else { AlphaMode::Opaque },
             double_sided: low.double_sided,
             unlit: model.materials.iter().all(|m| m.unlit),
             transmission: transmission(model),

@@ -183,9 +183,16 @@ pub struct WrongMaterial {
     pub wrong: f32,
 }
 
+impl LevelReport {
+    /// How much the level looks like its source, in dB; 0 if nobody has looked.
+    pub(super) fn mean_psnr(&self) -> f32 {
+        self.likeness.as_ref().map_or(0.0, Likeness::mean_psnr)
+    }
+}
+
 impl Likeness {
     /// PSNR in dB of the mean error without and with light: what only one of them shows is wrong all the same.
-    pub(super) fn mean_psnr(&self) -> f32 {
+    fn mean_psnr(&self) -> f32 {
         let error = |psnr: f32| libm::exp10(-0.1 * f64::from(psnr));
         decibels(0.5 * (error(self.psnr) + error(self.psnr_lit))) as f32
     }

@@ -23,9 +23,9 @@ struct Fan {
     source: Vec3,
 }
 
-/// Unit normal of each corner of each face: the mean of the source's normals around it, by area and angle. Where a crease of the source
-/// runs along a border of charts, each side has its own; within a chart, texels of both sides would mix. So a wall is about
-/// as flat as the source's, whatever is at its rim, and its normal map has little to undo.
+/// Unit normal of each corner of each face: the mean of the source's normals around it, by area and angle. Where a crease of
+/// the source runs along a border of charts, each side has its own; within a chart, texels of both sides would mix. So a wall
+/// is about as flat as the source's, whatever is at its rim, and its normal map has little to undo.
 ///
 /// `samples` has one entry a texel.
 pub fn corner_normals(
@@ -54,8 +54,8 @@ fn normal<'f>(fans: impl Iterator<Item = &'f Fan> + Clone) -> Vec3 {
     if of_source.dot(of_mesh) < LEAST_AGREEMENT { of_mesh } else { of_source }
 }
 
-/// The mean of the source's normals near each corner, on the side that the face looks to, times the area of the face and its angle
-/// there.
+/// The mean of the source's normals near each corner, on the side that the face looks to, times the area of the face and its
+/// angle there.
 fn source_normals(mesh: &TriMesh, texels: &TexelMap, samples: &[Option<SurfaceSample>]) -> Vec<[Vec3; 3]> {
     let mut sums = vec![[Vec4::ZERO; 3]; mesh.triangles.len()];
     for (texel, sample) in texels.texels.iter().zip(samples) {

@@ -22,8 +22,8 @@ const MOST_BESIDE: usize = 16;
 /// Sine of the least angle between bars that span a plane by their directions.
 const ACROSS: f32 = 0.3;
 
-/// The lattices among bars, at most `most`. The plane with the most triangles comes first, and takes
-/// its bars from the others.
+/// The lattices among bars, at most `most`. The plane with the most triangles comes first, and takes its bars from the
+/// others.
 pub(super) fn planes_of_bars(bars: &[Part], radius: f32, most: usize) -> Vec<Lattice> {
     let mut lattices = Vec::new();
     if bars.len() > MOST_BARS {
