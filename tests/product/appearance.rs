@@ -26,7 +26,7 @@ fn levels_look_in_the_game_as_in_the_bake() {
     let mut scene = Scene::new(baked.glb.clone(), LodPlugin::default(), SIDE, true);
     show_colours_alone(&mut scene);
     for (level, number) in baked.levels.iter().zip(1..) {
-        let model = level.to_model("level");
+        let model = level.to_model(source);
         let errors = scene.lods().expect("levels").levels.iter();
         let error = errors.filter(|l| l.level == number).map(|l| l.error).next().expect("a level");
         for factor in [1.0, 0.5] {

@@ -91,7 +91,7 @@ fn levels_look_like_the_source() {
     };
     let expected = draw(source);
     for (level, least) in OCTOPUS.levels.iter().zip([27.0, 32.0]) {
-        let pictures = draw(&level.to_model("level"));
+        let pictures = draw(&level.to_model(source));
         let mean = pictures.iter().zip(&expected).map(|(a, b)| psnr(a, b)).sum::<f64>() / cameras.len() as f64;
         assert!(mean > least, "{} faces: {mean:.2} dB", level.budget);
     }

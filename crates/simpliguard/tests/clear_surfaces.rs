@@ -7,7 +7,7 @@ use serde_json::{Value, json};
 use simpliguard::data::{AlphaMode, Level, Model};
 use simpliguard::geometry::{BoundingSphere, fibonacci_directions};
 use simpliguard::render::{Camera, Image, Light, Renderer, SurfaceSampler};
-use simpliguard::settings::{BakeSettings, Quality, Resolution};
+use simpliguard::settings::{BakeSettings, LevelMaterials, Quality, Resolution};
 use simpliguard::{Baked, Context, NoResources, Source, bake};
 
 /// A part of a model: its triangles and the glTF of its material.
@@ -77,6 +77,7 @@ fn baked(parts: &[Part]) -> Baked {
         texture_size: 128.into(),
         refine_steps: 0,
         resolution: Resolution::Cells(64),
+        materials: LevelMaterials::Baked,
         ..BakeSettings::preset(Quality::Draft)
     };
     let bytes = glb(parts);
@@ -86,7 +87,7 @@ fn baked(parts: &[Part]) -> Baked {
 
 /// Mean squared difference of premultiplied colours over six views.
 fn error(source: &Model, level: &Level) -> f32 {
-    let model = level.to_model("level");
+    let model = level.to_model(source);
     let frame = BoundingSphere::around(&source.surface.positions);
     let draw = |model: &Model, direction: Vec3| -> Image {
         let sampler = SurfaceSampler::new(model);
@@ -100,7 +101,7 @@ fn error(source: &Model, level: &Level) -> f32 {
 }
 
 fn alphas(level: &Level) -> Vec<AlphaMode> {
-    level.layers.iter().map(|layer| layer.material.alpha_mode).collect()
+    level.layers.iter().filter_map(|layer| layer.material.baked()).map(|material| material.alpha_mode).collect()
 }
 
 #[test]
@@ -138,11 +139,12 @@ fn glass_that_transmits_light_keeps_its_factors() {
     parts.push((sphere(1.0, 30, false), material([1.0; 4], json!({ "extensions": extensions }))));
     let baked = baked(&parts);
     let [solid, clear] = &baked.levels[0].layers[..] else { panic!("two layers") };
-    assert_eq!((solid.material.transmission, clear.material.alpha_mode), (None, AlphaMode::Opaque));
-    let transmission = clear.material.transmission.expect("transmits");
+    let [Some(of_solid), Some(of_clear)] = [solid, clear].map(|layer| layer.material.baked()) else { panic!("baked") };
+    assert_eq!((of_solid.transmission, of_clear.alpha_mode), (None, AlphaMode::Opaque));
+    let transmission = of_clear.transmission.expect("transmits");
     assert_eq!((transmission.factor, transmission.ior), (0.9, 1.3));
     // The ball is textured as it is, and not with the glass before it.
-    let colors = baked.levels[0].to_model("level");
+    let colors = baked.levels[0].to_model(baked.model.as_ref().expect("a model"));
     let sampler = SurfaceSampler::new(&colors);
     let center = |t: usize| sampler.color(t, Vec3::splat(1.0 / 3.0), simpliguard::render::Footprint::new(0.0, 1.0));
     let reds = (0..solid.triangles).map(center).filter(|c: &Vec4| c.x > 0.5 && c.y < 0.3).count();

@@ -148,7 +148,7 @@ fn image(model: &Model, levels: &[&Level], hinge: &Hinge, angle: f32) -> RgbImag
     draw(0, model, &source);
     for (column, level) in levels.iter().enumerate() {
         let positions = bent(model, hinge, angle, &level.mesh.positions, &level.mesh.influences);
-        draw(column + 1, &level.to_model(&model.name), &positions);
+        draw(column + 1, &level.to_model(model), &positions);
     }
     out
 }

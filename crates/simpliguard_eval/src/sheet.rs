@@ -21,7 +21,7 @@ const ENLARGED: i16 = 3;
 /// Columns: the source, then the levels from the most faces to the fewest, each with its difference from the source
 /// behind it (three times enlarged; white where there is none). Rows: four sides unlit, then the same lit.
 pub fn contact_sheet(model: &Model, levels: &[Level]) -> RgbImage {
-    let models: Vec<Model> = levels.iter().rev().map(|level| level.to_model(&model.name)).collect();
+    let models: Vec<Model> = levels.iter().rev().map(|level| level.to_model(model)).collect();
     let frame = BoundingSphere::around(&model.surface.positions);
     let drawn: Vec<Vec<RgbImage>> =
         std::iter::once(model).chain(&models).collect::<Vec<_>>().par_iter().map(|model| draw(model, &frame)).collect();

@@ -5,7 +5,9 @@ use std::ops::Range;
 use glam::{Affine2, Vec3, Vec4};
 use image::{DynamicImage, RgbImage, RgbaImage};
 
-use super::{LevelMaterial, LevelMesh, LevelTextures, Material, Model, Surface, Texture, TextureRef, Wrap};
+use super::{
+    LayerMaterial, LevelMaterial, LevelMesh, LevelTextures, Material, Model, Surface, Texture, TextureRef, Wrap,
+};
 
 /// One finished level of detail.
 #[derive(Clone, Debug)]
@@ -20,7 +22,7 @@ pub struct Level {
     pub own_joints: bool,
     /// Its surfaces: the solid one first, clear ones behind it. At least one.
     pub layers: Vec<LevelLayer>,
-    /// Its one texture set.
+    /// Its one texture set; empty if it keeps the source's materials.
     pub textures: LevelTextures,
 }
 
@@ -30,13 +32,33 @@ pub struct LevelLayer {
     /// Number of triangles.
     pub triangles: usize,
     /// Its material.
-    pub material: LevelMaterial,
+    pub material: LayerMaterial,
 }
 
 impl Level {
-    /// The level as a source model, so that it can be drawn and measured in the same way. Rest pose, without bones.
-    pub fn to_model(&self, name: &str) -> Model {
+    /// True if its layers have materials of the source.
+    pub fn keeps_materials(&self) -> bool {
+        self.layers.iter().any(|layer| layer.material.baked().is_none())
+    }
+
+    /// The level of a source as a source model, so that it can be drawn and measured in the same way. Rest pose, without
+    /// bones.
+    pub fn to_model(&self, source: &Model) -> Model {
         let mesh = &self.mesh;
+        if self.keeps_materials() {
+            let of_layer = |layer: &LevelLayer| match layer.material {
+                LayerMaterial::Source(material) => std::iter::repeat_n(material, layer.triangles),
+                LayerMaterial::Baked(_) => std::iter::repeat_n(0, layer.triangles),
+            };
+            let surface = Surface {
+                colors: mesh.colors.clone(),
+                uvs: [mesh.uvs.clone(), mesh.second_uvs.clone()],
+                material: self.layers.iter().flat_map(of_layer).collect(),
+                ..self.surface()
+            };
+            let (materials, textures) = (source.materials.clone(), source.textures.clone());
+            return Model { surface, materials, textures, ..Model::empty(&source.name) };
+        }
         let (materials, textures) = self.to_materials();
         let emitting = |material: Material| Material {
             base_color: Vec4::W,
@@ -48,20 +70,25 @@ impl Level {
         let materials: Vec<Material> = materials.into_iter().flat_map(|m| [m.clone(), emitting(m)]).collect();
         let layers = self.layers.iter().zip(0..).flat_map(|(layer, i)| std::iter::repeat_n(2 * i, layer.triangles));
         let material = |(layer, &t): (u32, &[u32; 3])| layer + u32::from(self.triangle_only_emits(t));
-        let surface = Surface {
+        let surface = Surface { material: layers.zip(&mesh.triangles).map(material).collect(), ..self.surface() };
+        Model { surface, materials, textures, ..Model::empty(&source.name) }
+    }
+
+    /// The triangles without materials.
+    fn surface(&self) -> Surface {
+        let mesh = &self.mesh;
+        Surface {
             positions: mesh.positions.clone(),
             normals: mesh.normals.clone(),
             tangents: mesh.tangents.clone(),
             uvs: [mesh.uvs.clone(), Vec::new()],
             triangles: mesh.triangles.clone(),
-            material: layers.zip(&mesh.triangles).map(material).collect(),
             ..Surface::default()
-        };
-        Model { surface, materials, textures, ..Model::empty(name) }
+        }
     }
 
     /// The triangles of each layer, in the mesh.
-    pub fn layer_ranges(&self) -> impl Iterator<Item = (Range<usize>, &LevelMaterial)> {
+    pub fn layer_ranges(&self) -> impl Iterator<Item = (Range<usize>, &LayerMaterial)> {
         self.layers.iter().scan(0, |first, layer| {
             let range = *first..*first + layer.triangles;
             *first = range.end;
@@ -82,6 +109,13 @@ impl Level {
         if in_layers != faces || self.layers.is_empty() {
             let layers = self.layers.len();
             return Err(format!("the level has {faces} triangles, and {in_layers} in its {layers} layers"));
+        }
+        let kept = self.layers.iter().filter(|layer| layer.material.baked().is_none()).count();
+        if kept > 0 && (kept < self.layers.len() || !self.textures.is_empty()) {
+            return Err(format!("{kept} of {} layers keep the source's materials, beside others", self.layers.len()));
+        }
+        if kept == 0 {
+            self.mesh.validate_atlas()?;
         }
         self.textures.validate()?;
         self.mesh.validate()
@@ -106,7 +140,7 @@ impl Level {
             occlusion_texture: rough_metal,
             ..Material::default()
         };
-        let of_layer = |LevelLayer { material, .. }: &LevelLayer| Material {
+        let of_layer = |material: &LevelMaterial| Material {
             base_color: material.base_color,
             metallic: if rough_metal.is_some() { 1.0 } else { material.metallic },
             roughness: if rough_metal.is_some() { 1.0 } else { material.roughness },
@@ -117,7 +151,11 @@ impl Level {
             transmission: material.transmission,
             ..bound.clone()
         };
-        (self.layers.iter().map(of_layer).collect(), textures)
+        (self.baked_materials().map(of_layer).collect(), textures)
+    }
+
+    fn baked_materials(&self) -> impl Iterator<Item = &LevelMaterial> {
+        self.layers.iter().filter_map(|layer| layer.material.baked())
     }
 
     /// Base colours, with emitted colours where the base colour is black: see [`Material::only_emits`].
@@ -132,7 +170,7 @@ impl Level {
 
     /// True if a texel shows nothing but emitted light.
     fn only_emits(&self, x: u32, y: u32) -> bool {
-        let is_whole = self.layers.iter().all(|layer| layer.material.emissive == Vec3::ONE);
+        let is_whole = self.baked_materials().all(|material| material.emissive == Vec3::ONE);
         let emissive = self.textures.emissive.as_ref().filter(|_| is_whole);
         let black = self.textures.base_color.as_ref().is_some_and(|image| image.get_pixel(x, y).0[..3] == [0; 3]);
         black && emissive.is_some_and(|image| image.get_pixel(x, y).0 != [0; 3])
@@ -170,7 +208,7 @@ mod tests {
             own_joints: false,
             layers: vec![LevelLayer {
                 triangles: 1,
-                material: LevelMaterial {
+                material: LayerMaterial::Baked(LevelMaterial {
                     alpha_mode: AlphaMode::Opaque,
                     double_sided: false,
                     unlit: false,
@@ -179,7 +217,7 @@ mod tests {
                     emissive: Vec3::ZERO,
                     base_color: Vec4::ONE,
                     transmission: None,
-                },
+                }),
             }],
             textures: LevelTextures {
                 base_color: Some(RgbaImage::from_pixel(4, 4, Rgba([255; 4]))),
@@ -205,6 +243,8 @@ mod tests {
         };
         assert!(message(&|level| level.budget = 0).contains("1 triangles, over its budget of 0"));
         assert!(message(&|level| level.layers[0].triangles = 2).contains("1 triangles, and 2 in its 1 layers"));
+        assert!(message(&|level| level.mesh.uvs[0].x = -1.0).contains("outside of [0, 1]"));
+        assert!(message(&|level| level.layers[0].material = LayerMaterial::Source(0)).contains("beside others"));
         assert!(message(&|level| level.mesh.normals[0] = Vec3::X * 2.0).contains("normal of vertex 0"));
         assert!(message(&|level| level.textures.normal = Some(RgbImage::new(2, 2))).contains("normal map"));
     }

@@ -27,6 +27,25 @@ pub struct LevelMaterial {
     pub transmission: Option<Transmission>,
 }
 
+/// The material of a layer of a level.
+#[derive(Clone, Debug, PartialEq)]
+pub enum LayerMaterial {
+    /// A material of its own, whose textures are those of the level.
+    Baked(LevelMaterial),
+    /// A material of the source with the source's textures: its index in [`Model::materials`](super::Model::materials).
+    Source(u32),
+}
+
+impl LayerMaterial {
+    /// The material, if it is the level's own.
+    pub fn baked(&self) -> Option<&LevelMaterial> {
+        match self {
+            Self::Baked(material) => Some(material),
+            Self::Source(_) => None,
+        }
+    }
+}
+
 /// Square textures of one size, clamped at the borders.
 #[derive(Clone, Debug)]
 pub struct LevelTextures {

@@ -18,8 +18,12 @@ pub struct LevelMesh {
     pub normals: Vec<Vec3>,
     /// MikkTSpace; empty if the level has no normal map.
     pub tangents: Vec<Vec4>,
-    /// In [0, 1], origin at the top left.
+    /// Origin at the top left; in [0, 1] unless the level keeps the source's materials.
     pub uvs: Vec<Vec2>,
+    /// The source's second set of texture coordinates; empty for a level with an atlas of its own.
+    pub second_uvs: Vec<Vec2>,
+    /// The source's vertex colours, linear RGBA; empty for a level with textures of its own.
+    pub colors: Vec<Vec4>,
     /// Bones of each vertex; empty for a static model.
     pub influences: Vec<Influences>,
     /// Counter-clockwise seen from outside.
@@ -38,8 +42,8 @@ pub struct LevelMorph {
 }
 
 impl LevelMesh {
-    /// Checks array lengths, indices, finite values, texture coordinates in `[0, 1]`, normals of unit length within
-    /// 1e-3, and the [`Influences`] of every vertex.
+    /// Checks array lengths, indices, finite values, normals of unit length within 1e-3, and the [`Influences`] of every
+    /// vertex.
     ///
     /// # Errors
     /// The first broken rule, with the values found.
@@ -48,9 +52,6 @@ impl LevelMesh {
         for (k, morph) in self.morphs.iter().enumerate() {
             check_finite(&format!("displacement by morph target {k}"), &morph.positions, |p| p.is_finite())?;
             check_finite(&format!("normal of morph target {k}"), &morph.normals, |n| n.is_finite())?;
-        }
-        if let Some(v) = self.uvs.iter().position(|uv| !in_unit_square(*uv)) {
-            return Err(format!("vertex {v} has the texture coordinate {} outside of [0, 1]", self.uvs[v]));
         }
         let is_unit = |n: &Vec3| (n.length() - 1.0).abs() <= LENGTH_TOLERANCE;
         if let Some(v) = self.normals.iter().position(|n| !is_unit(n)) {
@@ -62,6 +63,17 @@ impl LevelMesh {
         Ok(())
     }
 
+    /// Checks that the texture coordinates lie in `[0, 1]`, as those of an atlas do.
+    ///
+    /// # Errors
+    /// The vertex and its texture coordinate.
+    pub fn validate_atlas(&self) -> Result<(), String> {
+        match self.uvs.iter().position(|uv| !in_unit_square(*uv)) {
+            Some(v) => Err(format!("vertex {v} has the texture coordinate {} outside of [0, 1]", self.uvs[v])),
+            None => Ok(()),
+        }
+    }
+
     /// Checks array lengths and indices, and that positions, normals, tangents and texture coordinates are finite: the
     /// rules without which the level cannot be written.
     pub(crate) fn check_arrays(&self) -> Result<(), String> {
@@ -69,6 +81,8 @@ impl LevelMesh {
         let mut lengths = vec![
             ("normals", self.normals.len(), false),
             ("texture coordinates", self.uvs.len(), false),
+            ("second texture coordinates", self.second_uvs.len(), true),
+            ("colours", self.colors.len(), true),
             ("tangents", self.tangents.len(), true),
             ("influences", self.influences.len(), true),
         ];
@@ -85,6 +99,8 @@ impl LevelMesh {
         check_finite("position", &self.positions, |p| p.is_finite())?;
         check_finite("normal", &self.normals, |n| n.is_finite())?;
         check_finite("tangent", &self.tangents, |t| t.is_finite())?;
+        check_finite("colour", &self.colors, |c| c.is_finite())?;
+        check_finite("second texture coordinate", &self.second_uvs, |uv| uv.is_finite())?;
         check_finite("texture coordinate", &self.uvs, |uv| uv.is_finite())
     }
 }
@@ -100,6 +116,8 @@ mod tests {
             normals: vec![Vec3::Z; 3],
             tangents: vec![Vec3::X.extend(1.0); 3],
             uvs: vec![Vec2::ZERO, Vec2::X, Vec2::Y],
+            second_uvs: vec![Vec2::ZERO; 3],
+            colors: vec![Vec4::ONE; 3],
             influences: vec![Influences::rigid(2); 3],
             triangles: vec![[0, 1, 2]],
             morphs: vec![LevelMorph { positions: vec![Vec3::Z; 3], normals: vec![Vec3::ZERO; 3] }],
@@ -109,8 +127,15 @@ mod tests {
     #[test]
     fn a_sound_mesh_passes_with_and_without_what_is_optional() {
         assert_eq!(full().validate(), Ok(()));
-        let bare = LevelMesh { tangents: Vec::new(), influences: Vec::new(), morphs: Vec::new(), ..full() };
-        assert_eq!(bare.validate(), Ok(()));
+        let bare = LevelMesh {
+            tangents: Vec::new(),
+            second_uvs: Vec::new(),
+            colors: Vec::new(),
+            influences: Vec::new(),
+            morphs: Vec::new(),
+            ..full()
+        };
+        assert_eq!((bare.validate(), bare.validate_atlas()), (Ok(()), Ok(())));
     }
 
     #[test]
@@ -130,8 +155,12 @@ mod tests {
         assert!(message(&|mesh| mesh.positions[1].x = f32::NAN).contains("position of vertex 1"));
         assert!(message(&|mesh| mesh.tangents[1].w = f32::INFINITY).contains("tangent of vertex 1"));
         assert!(message(&|mesh| mesh.morphs[0].positions[1].x = f32::NAN).contains("by morph target 0 of vertex 1"));
-        assert!(message(&|mesh| mesh.uvs[2].y = 1.5).contains("outside of [0, 1]"));
+        assert!(message(&|mesh| mesh.colors.truncate(1)).contains("1 colours"));
+        assert!(message(&|mesh| mesh.second_uvs.truncate(2)).contains("2 second texture coordinates"));
         assert!(message(&|mesh| mesh.normals[2] = Vec3::Z * 1.01).contains("normal of vertex 2 has the length 1.01"));
         assert!(message(&|mesh| mesh.influences[1].weights[0] = 0.9).contains("vertex 1: weights"));
+        let mut outside = full();
+        outside.uvs[2].y = 1.5;
+        assert!(outside.validate_atlas().expect_err("broken").contains("outside of [0, 1]"));
     }
 }

@@ -37,6 +37,10 @@ pub struct Material {
     pub unlit: bool,
     /// Light passes through it; `None` if none does.
     pub transmission: Option<Transmission>,
+    /// Index in the glTF's `materials`; `None` for the default material.
+    pub index: Option<usize>,
+    /// The `TEXCOORD_n` that are the two sets of [`crate::data::Surface::uvs`].
+    pub uv_sets: [usize; 2],
 }
 
 /// Factors of `KHR_materials_transmission`, `KHR_materials_ior` and `KHR_materials_volume`. Their textures are not read.
@@ -85,6 +89,8 @@ impl Default for Material {
             double_sided: false,
             unlit: false,
             transmission: None,
+            index: None,
+            uv_sets: [0, 1],
         }
     }
 }

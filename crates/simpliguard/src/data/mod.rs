@@ -31,7 +31,7 @@ pub use deviation::Deviation;
 pub use document::Document;
 pub use glob::compile_glob;
 pub use level::{Level, LevelLayer};
-pub use level_material::{LevelMaterial, LevelTextures, TextureFormat};
+pub use level_material::{LayerMaterial, LevelMaterial, LevelTextures, TextureFormat};
 pub use level_mesh::{LevelMesh, LevelMorph};
 pub use material::{AlphaMode, Material, TextureRef, Transmission};
 pub use material_weight::MaterialWeight;

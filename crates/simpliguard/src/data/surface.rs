@@ -15,7 +15,7 @@ pub const SMALLEST_EXTENT: f32 = 1e-6;
 pub struct Surface {
     /// Rest pose, world space.
     pub positions: Vec<Vec3>,
-    /// Unit length; area-weighted face normals where the source has none.
+    /// Unit length; those of the faces where the source has none.
     pub normals: Vec<Vec3>,
     /// MikkTSpace tangent, with the handedness in `w`; zero where the source has none. Empty if no vertex has one.
     pub tangents: Vec<Vec4>,
@@ -60,21 +60,28 @@ impl Surface {
         triangles.iter().flat_map(corners).for_each(|v| new_index[v as usize] = 0);
         let kept: Vec<u32> = (0..new_index.len() as u32).filter(|&v| new_index[v as usize] != UNUSED).collect();
         kept.iter().zip(0..).for_each(|(&v, new)| new_index[v as usize] = new);
+        let mut out = self.gathered(&kept);
+        out.triangles = triangles.iter().map(|t| corners(t).map(|v| new_index[v as usize])).collect();
+        out.material = triangles.iter().map(|&t| self.material[t as usize]).collect();
+        out
+    }
+
+    /// The vertices with the indices `kept`, in that order and without triangles. An index may stand more than once.
+    pub(crate) fn gathered(&self, kept: &[u32]) -> Self {
         let target = |target: &MorphTarget| {
-            let moved = target.displacements.iter().filter(|(v, _)| new_index[*v as usize] != UNUSED);
-            let displacements = moved.map(|&(v, offset)| (new_index[v as usize], offset)).collect();
-            MorphTarget { displacements, ..target.clone() }
+            let moved = (0..).zip(kept).map(|(new, &v)| (new, target.displacement(v)));
+            MorphTarget { displacements: moved.filter(|(_, offset)| *offset != Vec3::ZERO).collect(), ..target.clone() }
         };
         Self {
-            positions: gather(&self.positions, &kept),
-            normals: gather(&self.normals, &kept),
-            tangents: gather(&self.tangents, &kept),
-            uvs: [gather(&self.uvs[0], &kept), gather(&self.uvs[1], &kept)],
-            colors: gather(&self.colors, &kept),
-            painted: gather(&self.painted, &kept),
-            influences: gather(&self.influences, &kept),
-            triangles: triangles.iter().map(|t| corners(t).map(|v| new_index[v as usize])).collect(),
-            material: triangles.iter().map(|&t| self.material[t as usize]).collect(),
+            positions: gather(&self.positions, kept),
+            normals: gather(&self.normals, kept),
+            tangents: gather(&self.tangents, kept),
+            uvs: [gather(&self.uvs[0], kept), gather(&self.uvs[1], kept)],
+            colors: gather(&self.colors, kept),
+            painted: gather(&self.painted, kept),
+            influences: gather(&self.influences, kept),
+            triangles: Vec::new(),
+            material: Vec::new(),
             morphs: self
                 .morphs
                 .as_ref()

@@ -8,7 +8,8 @@ use super::level_task::LevelTask;
 use super::likeness::SourcePictures;
 use super::report::{ClearReport, LevelReport, LevelTopology, Likeness};
 use crate::data::{
-    AlphaMode, Atlas, Influences, Level, LevelLayer, LevelMaterial, LevelMorph, Transmission, TriMesh, linear_to_srgb,
+    AlphaMode, Atlas, Influences, LayerMaterial, Level, LevelLayer, LevelMaterial, LevelMorph, Transmission, TriMesh,
+    linear_to_srgb,
 };
 use crate::refine::{LowPoly, Refined};
 use crate::render::{SurfaceSample, fill_unknown};
@@ -18,6 +19,11 @@ use crate::texture::{self, BakeTarget, Channels, TexelMap};
 
 /// Least fraction of a budget that needs no reason.
 const FULL_BUDGET: f64 = 0.98;
+
+/// A level has so few faces that the report gives the reason.
+pub(super) fn is_short(faces: u32, budget: u32) -> bool {
+    f64::from(faces) < FULL_BUDGET * f64::from(budget)
+}
 
 /// The solid layer of a level with its final texture.
 pub(super) struct Finished {
@@ -164,7 +170,7 @@ impl WholeLevel {
             level: task.number as u32,
             budget,
             faces,
-            stopped: (f64::from(faces) < FULL_BUDGET * f64::from(budget)).then(|| shape.shortfall.to_string()),
+            stopped: is_short(faces, budget).then(|| shape.shortfall.to_string()),
             candidate: shape.candidate.to_string(),
             error: deviation.percentile_95,
             deviation,
@@ -200,7 +206,7 @@ impl WholeLevel {
         let layer = |layer: Layer| {
             let Layer { faces, alpha_mode, double_sided, unlit, transmission } = layer;
             let material = texture::level_material(&statistics, alpha_mode, double_sided, unlit);
-            LevelLayer { triangles: faces, material: LevelMaterial { transmission, ..material } }
+            LevelLayer { triangles: faces, material: LayerMaterial::Baked(LevelMaterial { transmission, ..material }) }
         };
         let layers = self.layers.into_iter().map(layer).collect();
         let own_joints = task.params.skinning.bone_faces > 0.0;

@@ -84,7 +84,7 @@ impl<'a> SourcePictures<'a> {
 
     /// Compares a level with the source; by fewer views if cancelled.
     pub(super) fn compare(&self, level: &Level) -> Likeness {
-        let level = level.to_model("level");
+        let level = level.to_model(self.model);
         let sampler = SurfaceSampler::new(&level);
         let compare = |renderer: &mut Renderer<'_>, view: &SourceView| {
             let images = [Light::None, Light::Head].map(|light| renderer.draw(&view.camera, light));

@@ -21,6 +21,7 @@ mod overlap;
 mod own_levels;
 pub(crate) mod params;
 mod preview;
+mod reduction;
 pub(crate) mod report;
 mod runner;
 pub(crate) mod scene;
@@ -103,6 +104,7 @@ fn bake_whole(source: &Source<'_>, settings: &BakeSettings, context: &Context<'_
         run: &run,
     };
     let mut made = maker.make(&targets)?;
+    reduction::replace(source, &maker, &mut made)?;
     lattices::replace(source, &mut maker, &mut made)?;
     gate::raise(&params.gate, &mut maker, &mut made)?;
     gate::check(&params.gate, source.name, &made)?;

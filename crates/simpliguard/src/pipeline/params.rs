@@ -10,8 +10,8 @@ use crate::gltf::ExportParams;
 use crate::refine::{RefineParams, Solver, TextureAdam};
 use crate::render::ViewParams;
 use crate::settings::{
-    BakeSettings, Candidates, ExistingLods, InitialTexture, JointSplitting, LaplacianOf, MorphTargets, Resolution,
-    SkinTransfer, Target, TextureSolver,
+    BakeSettings, Candidates, ExistingLods, InitialTexture, JointSplitting, LaplacianOf, LevelMaterials, MorphTargets,
+    Resolution, SkinTransfer, SourceGeometry, Target, TextureSolver,
 };
 use crate::simplify::{CandidateParams, CollapseParams, ImportanceParams};
 use crate::skinning::{SkinningParams, Transfer};
@@ -41,6 +41,8 @@ pub struct Params {
     pub views: ViewParams,
     /// Candidates that compete.
     pub candidates: CandidateParams,
+    /// Levels may keep the source's materials.
+    pub keep_materials: bool,
     /// Weights of the source's triangles.
     pub importance: ImportanceParams,
     /// How candidates are collapsed.
@@ -132,6 +134,11 @@ impl Params {
             targets: if settings.targets.is_empty() { faces() } else { settings.targets.clone() },
             views: ViewParams { count: settings.views, size: settings.view_size, poses: settings.poses },
             candidates: candidates(settings),
+            keep_materials: settings.materials == LevelMaterials::Auto
+                && settings.source == SourceGeometry::Keep
+                && settings.candidates != Candidates::Reconstruction
+                && !settings.watertight
+                && settings.bone_faces == 0.0,
             importance: ImportanceParams {
                 materials: settings.importance.clone(),
                 painted: settings.painted_importance,

@@ -109,6 +109,18 @@ choice! {
 }
 
 choice! {
+    /// The materials of a level.
+    pub enum LevelMaterials {
+        /// Those of the source, where the level then looks clearly more like it and the source stays in the file; else one that
+        /// is baked.
+        #[default]
+        Auto,
+        /// One material with an atlas of its own, baked from the source.
+        Baked,
+    }
+}
+
+choice! {
     /// The source of the joint weights of a level.
     pub enum SkinTransfer {
         /// From the closest point of the source's surface.

@@ -6,8 +6,8 @@ use serde::{Deserialize, Serialize};
 use super::atlas_size::AtlasSize;
 use super::budgets::Budgets;
 use super::choices::{
-    Candidates, ExistingLods, InitialTexture, JointSplitting, LaplacianOf, MorphTargets, OnMiss, Quality, Resolution,
-    Scope, SkinTransfer, SourceGeometry, TextureCompression, TextureSolver,
+    Candidates, ExistingLods, InitialTexture, JointSplitting, LaplacianOf, LevelMaterials, MorphTargets, OnMiss,
+    Quality, Resolution, Scope, SkinTransfer, SourceGeometry, TextureCompression, TextureSolver,
 };
 use super::field::{FieldInfo, PerQuality, ValueSeed, always, by_quality, check};
 use super::target::Target;
@@ -199,6 +199,10 @@ settings! {
     /// Cells of the finest reconstruction that `resolution: Auto` generates. One of more than 256 cells is generated
     /// only if the best shape intersects itself.
     finest_resolution: u32 = by_quality(256, 384, 512), Limit::Between(32.0, 512.0);
+    /// Materials of the levels: one that is baked, with an atlas of its own. With `Auto`, those of the source where a level looks
+    /// clearly more like it with them, as levels do that have a good part of the source's triangles. This takes more draw calls
+    /// and no memory for textures. A level never keeps them if `source` is not `Keep`.
+    materials: LevelMaterials = always(LevelMaterials::Auto), Limit::None;
     /// Surfaces that compete for each level.
     candidates: Candidates = always(Candidates::All), Limit::None;
     /// Removes faces that no ray from outside reaches.

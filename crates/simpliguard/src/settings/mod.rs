@@ -31,8 +31,8 @@ pub use crate::data::{MaterialWeight, NodePattern, TextureFormat};
 pub use atlas_size::AtlasSize;
 pub use budgets::Budgets;
 pub use choices::{
-    Candidates, ExistingLods, InitialTexture, JointSplitting, LaplacianOf, MorphTargets, OnMiss, Quality, Resolution,
-    Scope, SkinTransfer, SourceGeometry, TextureCompression, TextureSolver,
+    Candidates, ExistingLods, InitialTexture, JointSplitting, LaplacianOf, LevelMaterials, MorphTargets, OnMiss,
+    Quality, Resolution, Scope, SkinTransfer, SourceGeometry, TextureCompression, TextureSolver,
 };
 pub use field::FieldInfo;
 pub use fields::{BakeOverrides, BakeSettings, ObjectRule, reference};

@@ -22,6 +22,7 @@ mod opaque;
 mod oriented_box;
 mod params;
 mod qem;
+mod reduction;
 mod score;
 mod select;
 mod shape;
@@ -52,6 +53,7 @@ pub use lattices::{Lattice, find_lattices, lattice_cards};
 pub use layer_shape::LayerShape;
 pub use opaque::OpaqueSurface;
 pub use params::{CandidateParams, CollapseParams, SimplifyParams};
+pub use reduction::{Reduced, ReductionInputs, reduce};
 pub use score::is_cut_out;
 pub use shape::{RunnerUp, Selected, Shape, Shortfall};
 

@@ -30,7 +30,7 @@ mod transfer;
 pub use bone_remap::BoneRemap;
 pub use joint_planes::{JointPlane, joint_planes};
 pub use joint_split::{SplitMesh, split_along};
-pub use morphs::transfer_morphs;
+pub use morphs::{surface_morphs, transfer_morphs};
 pub use skin::{SkinningParams, skin};
 pub use skin_source::SkinSource;
 pub use transfer::{Transfer, TransferReport, transfer};

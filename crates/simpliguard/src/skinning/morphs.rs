@@ -5,8 +5,8 @@ use rayon::prelude::*;
 
 use super::skin_source::SkinSource;
 use crate::animation::corner_weights;
-use crate::data::{LevelMorph, MorphTarget, Morphs, TriMesh};
-use crate::geometry::Hit;
+use crate::data::{LevelMorph, MorphTarget, Morphs, Surface, TriMesh};
+use crate::geometry::{Hit, first_equal, position_bits};
 
 /// The source's morph targets on `mesh`, a level in the rest pose. Empty for a source without morph targets.
 pub fn transfer_morphs(source: &SkinSource<'_>, mesh: &TriMesh) -> Vec<LevelMorph> {
@@ -26,6 +26,26 @@ pub fn transfer_morphs(source: &SkinSource<'_>, mesh: &TriMesh) -> Vec<LevelMorp
         closest.iter().map(|hit| hit.as_ref().map_or(Vec3::ZERO, at)).collect()
     };
     let displacements: Vec<Vec<Vec3>> = targets.par_iter().map(displacements).collect();
+    with_normals(mesh, targets, displacements)
+}
+
+/// The morph targets of a surface, whose normals change with its triangles. Vertices in one place stay alike.
+pub fn surface_morphs(surface: &Surface) -> Vec<LevelMorph> {
+    let Some(Morphs { targets, .. }) = &surface.morphs else { return Vec::new() };
+    let count = surface.positions.len();
+    let first = first_equal(count, |v| position_bits(surface.positions[v]));
+    let triangles = surface.triangles.iter().map(|triangle| triangle.map(|v| first[v as usize])).collect();
+    let mesh = TriMesh { positions: surface.positions.clone(), triangles };
+    let of_target = |target: &MorphTarget| (0..count as u32).map(|v| target.displacement(v)).collect();
+    let mut morphs = with_normals(&mesh, targets, targets.par_iter().map(of_target).collect());
+    for morph in &mut morphs {
+        morph.normals = first.iter().map(|&v| morph.normals[v as usize]).collect();
+    }
+    morphs
+}
+
+/// Adds the changes of the normals to displacements of a mesh in the rest pose.
+fn with_normals(mesh: &TriMesh, targets: &[MorphTarget], displacements: Vec<Vec<Vec3>>) -> Vec<LevelMorph> {
     // The mesh without any target. It differs from the rest pose if that has weights.
     let mut bare = mesh.clone();
     for (target, displacements) in targets.iter().zip(&displacements).filter(|(target, _)| target.weight != 0.0) {
@@ -43,7 +63,7 @@ pub fn transfer_morphs(source: &SkinSource<'_>, mesh: &TriMesh) -> Vec<LevelMorp
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::data::{Model, Surface};
+    use crate::data::Model;
     use crate::geometry::Bvh;
 
     #[test]

@@ -72,7 +72,7 @@ fn measure(bakery: &Bakery, rows: &[&Switch], arguments: &Arguments) -> Result<M
                 made.seconds
             ));
         }
-        drawn.extend(made.baked.levels.first().map(|level| level.to_model(row.name)));
+        drawn.extend(made.baked.levels.first().map(|level| level.to_model(model)));
         looks.push(of_row);
     }
     if let Some(folder) = &arguments.pictures {
@@ -84,7 +84,7 @@ fn measure(bakery: &Bakery, rows: &[&Switch], arguments: &Arguments) -> Result<M
 }
 
 fn look(source: &Model, level: &Level, arguments: &Arguments) -> Result<Look, Box<dyn Error>> {
-    let own = level.to_model("level");
+    let own = level.to_model(source);
     let [unlit, lit] = [Light::None, Light::Head].map(|light| similarity(source, &own, arguments.views, light));
     let moving = if arguments.motion { moving(source, level)? } else { None };
     Ok(Look { psnr: unlit.psnr, ssim: unlit.ssim, lit: lit.psnr, moving })

@@ -25,7 +25,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Box<dyn Error>> {
         let settings = BakeSettings { faces: vec![budget], ..arguments.settings.clone() };
         let made = bakery.bake(&settings, false)?;
         let model = made.model()?;
-        let level = made.baked.levels[0].to_model("level");
+        let level = made.baked.levels[0].to_model(model);
         let psnr = similarity(model, &level, arguments.views, Light::None).psnr;
         let times: Vec<String> = stages.iter().map(|stage| format!("{:.2}", made.stage(stage))).collect();
         let count = model.surface.triangles.len();

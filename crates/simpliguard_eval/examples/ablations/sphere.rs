@@ -7,7 +7,7 @@ use glam::{Vec2, Vec3, Vec4};
 use image::{Rgba, RgbaImage};
 use serde_json::json;
 use simpliguard::data::{
-    AlphaMode, Document, Level, LevelLayer, LevelMaterial, LevelMesh, LevelTextures, Model, TriMesh,
+    AlphaMode, Document, LayerMaterial, Level, LevelLayer, LevelMaterial, LevelMesh, LevelTextures, Model, TriMesh,
 };
 use simpliguard::gltf::export_level;
 use simpliguard::settings::TextureFormat;
@@ -41,7 +41,7 @@ pub(crate) fn glb(faces: usize) -> Result<Vec<u8>, Box<dyn Error>> {
         format: TextureFormat::Png,
     };
     let mesh = mesh(faces);
-    let layers = vec![LevelLayer { triangles: mesh.triangles.len(), material }];
+    let layers = vec![LevelLayer { triangles: mesh.triangles.len(), material: LayerMaterial::Baked(material) }];
     let level = Level { budget: mesh.triangles.len() as u32, error: 0.0, mesh, own_joints: false, layers, textures };
     let document = Document { json: json!({ "asset": { "version": "2.0" } }), ..Document::default() };
     Ok(export_level(&Model { document, ..Model::empty("sphere") }, &level)?)

@@ -117,10 +117,10 @@ fn measure(file: &Path, arguments: &Arguments) -> Result<Vec<Row>, Box<dyn Error
 fn bake_levels(name: &str, bytes: &[u8], faces: &[u32]) -> Result<Vec<(u32, Model)>, Box<dyn Error>> {
     let settings = BakeSettings { faces: faces.to_vec(), ..BakeSettings::default() };
     let baked = bake(&Source { name, bytes, resources: &NoResources }, &settings, &Context::default())?;
-    if baked.levels.is_empty() {
+    let Some(source) = baked.model.filter(|_| !baked.levels.is_empty()) else {
         return Err(format!("it gets no levels: it has {} triangles", baked.report.source_faces).into());
-    }
-    Ok(baked.levels.iter().map(|level| (level.budget, level.to_model(name))).collect())
+    };
+    Ok(baked.levels.iter().map(|level| (level.budget, level.to_model(&source))).collect())
 }
 
 fn read_levels(folder: &Path, name: &str, faces: &[u32]) -> Result<Vec<(u32, Model)>, Box<dyn Error>> {

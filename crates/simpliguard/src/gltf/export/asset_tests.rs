@@ -12,7 +12,9 @@ use image::{Rgba, RgbaImage};
 
 use super::tests::Read;
 use super::{ExportParams, export, export_level};
-use crate::data::{AlphaMode, Level, LevelLayer, LevelMaterial, LevelMesh, LevelTextures, Model, TextureFormat};
+use crate::data::{
+    AlphaMode, LayerMaterial, Level, LevelLayer, LevelMaterial, LevelMesh, LevelTextures, Model, TextureFormat,
+};
 use crate::gltf::{ImportLimits, import};
 use crate::{Error, RelativeUri, Resources, Source};
 
@@ -77,7 +79,7 @@ fn sparse_level(model: &Model, step: usize) -> Level {
         mesh,
         layers: vec![LevelLayer {
             triangles: surface.triangles.len().div_ceil(step),
-            material: LevelMaterial {
+            material: LayerMaterial::Baked(LevelMaterial {
                 alpha_mode: AlphaMode::Opaque,
                 double_sided: true,
                 unlit: false,
@@ -86,7 +88,7 @@ fn sparse_level(model: &Model, step: usize) -> Level {
                 emissive: Vec3::ZERO,
                 base_color: Vec4::ONE,
                 transmission: None,
-            },
+            }),
         }],
         textures: LevelTextures {
             base_color: Some(RgbaImage::from_pixel(4, 4, Rgba([200, 150, 100, 255]))),

@@ -9,7 +9,7 @@ use super::skin::{Binding, check_influences};
 use super::textures::{EncodedTextures, WrittenTextures};
 use super::vertex_order;
 use super::vertices::Vertices;
-use crate::data::{AlphaMode, Level, LevelMaterial, Model};
+use crate::data::{AlphaMode, LayerMaterial, Level, LevelLayer, LevelMaterial, Model};
 use crate::{Cancellation, Error};
 
 /// Largest number of vertices with 16-bit indices; the index 65,535 itself is a primitive restart.
@@ -27,7 +27,13 @@ pub(super) struct EncodedLevel {
 struct EncodedLayer {
     vertices: Vertices,
     triangles: Vec<[u32; 3]>,
-    material: LevelMaterial,
+    material: EncodedMaterial,
+}
+
+enum EncodedMaterial {
+    Own(LevelMaterial),
+    /// Index in the document; `None` for the default material.
+    Source(Option<usize>),
 }
 
 impl EncodedLevel {
@@ -49,15 +55,20 @@ impl EncodedLevel {
         vertices.round_handedness();
         let layers = level.layer_ranges().map(|(range, material)| {
             let (triangles, count) = (&mesh.triangles[range], mesh.positions.len());
+            let alpha_mode = match material {
+                LayerMaterial::Baked(material) => material.alpha_mode,
+                LayerMaterial::Source(material) => model.materials[*material as usize].alpha_mode,
+            };
             // What lies behind is blended first: the order of clear triangles stays.
-            let (triangles, order) = match material.alpha_mode {
+            let (triangles, order) = match alpha_mode {
                 AlphaMode::Blend => vertex_order::by_first_use(triangles.to_vec(), count),
                 AlphaMode::Opaque | AlphaMode::Mask { .. } => vertex_order::optimized(triangles, count),
             };
-            EncodedLayer { vertices: vertices.reordered(&order), triangles, material: material.clone() }
+            EncodedLayer::new(model, vertices.reordered(&order), triangles, material)
         });
         let layers = layers.collect();
-        let has_alpha = level.layers.iter().any(|layer| layer.material.alpha_mode != AlphaMode::Opaque);
+        let baked = |layer: &LevelLayer| layer.material.baked().map(|material| material.alpha_mode);
+        let has_alpha = level.layers.iter().filter_map(baked).any(|mode| mode != AlphaMode::Opaque);
         let textures = EncodedTextures::new(&model.name, &level.textures, has_alpha, cancellation)?;
         Ok(Self { layers, targets, textures })
     }
@@ -91,12 +102,33 @@ impl EncodedLevel {
 }
 
 impl EncodedLayer {
+    fn new(model: &Model, mut vertices: Vertices, triangles: Vec<[u32; 3]>, material: &LayerMaterial) -> Self {
+        let material = match material {
+            LayerMaterial::Baked(material) => {
+                vertices.complete_tangents();
+                EncodedMaterial::Own(material.clone())
+            }
+            LayerMaterial::Source(material) => {
+                let material = &model.materials[*material as usize];
+                vertices.drop_defaults(material);
+                EncodedMaterial::Source(material.index)
+            }
+        };
+        Self { vertices, triangles, material }
+    }
+
     /// Appends the material and the accessors; returns the primitive.
     fn write(&self, out: &mut Builder, name: &str, textures: &WrittenTextures, morphs: bool) -> Value {
-        let material = push_material(out, name, &self.material, textures);
+        let material = match &self.material {
+            EncodedMaterial::Own(material) => Some(push_material(out, name, material, textures)),
+            EncodedMaterial::Source(material) => *material,
+        };
         let attributes = self.vertices.write(out);
         let indices = self.push_indices(out);
-        let mut primitive = json!({ "attributes": attributes, "indices": indices, "material": material });
+        let mut primitive = json!({ "attributes": attributes, "indices": indices });
+        if let Some(material) = material {
+            primitive["material"] = json!(material);
+        }
         if morphs {
             primitive["targets"] = self.vertices.write_morphs(out);
         }
@@ -129,5 +161,12 @@ fn check(model: &Model, level: &Level) -> Result<(), Error> {
         return Err(bad("it has no triangles".into()));
     }
     level.mesh.check_arrays().map_err(bad)?;
+    for layer in &level.layers {
+        if let LayerMaterial::Source(material) = layer.material
+            && material as usize >= model.materials.len()
+        {
+            return Err(bad(format!("it keeps material {material} of {}", model.materials.len())));
+        }
+    }
     check_influences(model, level)
 }

@@ -151,6 +151,8 @@ impl Binding {
             normals: Vec::with_capacity(mesh.normals.len()),
             tangents: Vec::with_capacity(mesh.tangents.len()),
             uvs: mesh.uvs.clone(),
+            second_uvs: mesh.second_uvs.clone(),
+            colors: mesh.colors.clone(),
             influences: Vec::with_capacity(mesh.influences.len()),
             morphs: vec![LevelMorph::default(); mesh.morphs.len()],
         };
@@ -169,7 +171,7 @@ impl Binding {
             }
             if let Some(tangent) = mesh.tangents.get(v) {
                 let direction = inverse.transform_vector3(tangent.truncate().as_dvec3()).normalize_or_zero().as_vec3();
-                out.tangents.push(direction.normalize_or(Vec3::X).extend(tangent.w));
+                out.tangents.push(direction.extend(tangent.w));
             }
             out.influences.push(influences);
         }

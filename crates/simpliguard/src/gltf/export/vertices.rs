@@ -6,7 +6,7 @@ use glam::{Vec2, Vec3, Vec4};
 use serde_json::{Map, Value, json};
 
 use super::builder::{BufferTarget, Builder, Component, Kind};
-use crate::data::{Influences, LevelMesh, LevelMorph, bounds};
+use crate::data::{Influences, LevelMesh, LevelMorph, Material, bounds};
 
 /// Vertices as they are written: in bind space if skinned, else in world space.
 pub(super) struct Vertices {
@@ -14,6 +14,10 @@ pub(super) struct Vertices {
     pub(super) normals: Vec<Vec3>,
     pub(super) tangents: Vec<Vec4>,
     pub(super) uvs: Vec<Vec2>,
+    /// Empty for a level with an atlas of its own.
+    pub(super) second_uvs: Vec<Vec2>,
+    /// Empty for a level with textures of its own.
+    pub(super) colors: Vec<Vec4>,
     /// Joints of the skin and weights as glTF requires them: no joint twice, unused slots zero, weights of sum one.
     /// Empty if the level is static.
     pub(super) influences: Vec<Influences>,
@@ -26,8 +30,10 @@ impl Vertices {
         Self {
             positions: mesh.positions.clone(),
             normals: mesh.normals.iter().map(|n| n.normalize_or(Vec3::Y)).collect(),
-            tangents: mesh.tangents.iter().map(|t| t.truncate().normalize_or(Vec3::X).extend(t.w)).collect(),
+            tangents: mesh.tangents.iter().map(|t| t.truncate().normalize_or_zero().extend(t.w)).collect(),
             uvs: mesh.uvs.clone(),
+            second_uvs: mesh.second_uvs.clone(),
+            colors: mesh.colors.clone(),
             influences: Vec::new(),
             morphs: mesh.morphs.clone(),
         }
@@ -63,8 +69,30 @@ impl Vertices {
             normals: take(&self.normals, order),
             tangents: take(&self.tangents, order),
             uvs: take(&self.uvs, order),
+            second_uvs: take(&self.second_uvs, order),
+            colors: take(&self.colors, order),
             influences: take(&self.influences, order),
             morphs: self.morphs.iter().map(morph).collect(),
+        }
+    }
+
+    /// Gives a direction to the tangents that have none.
+    pub(super) fn complete_tangents(&mut self) {
+        for tangent in &mut self.tangents {
+            *tangent = tangent.truncate().normalize_or(Vec3::X).extend(tangent.w);
+        }
+    }
+
+    /// Leaves out what says nothing: attributes that the source's primitive did not have, or its material does not use.
+    pub(super) fn drop_defaults(&mut self, material: &Material) {
+        if material.normal_texture.is_none() || self.tangents.iter().any(|t| t.truncate() == Vec3::ZERO) {
+            self.tangents.clear();
+        }
+        if self.colors.iter().all(|color| *color == Vec4::ONE) {
+            self.colors.clear();
+        }
+        if self.second_uvs.iter().all(|uv| *uv == Vec2::ZERO) {
+            self.second_uvs.clear();
         }
     }
 
@@ -78,6 +106,12 @@ impl Vertices {
             add("TANGENT", out.push_accessor(&self.tangents, Component::F32, "VEC4", BufferTarget::Vertices));
         }
         add("TEXCOORD_0", out.push_accessor(&self.uvs, Component::F32, "VEC2", BufferTarget::Vertices));
+        if !self.second_uvs.is_empty() {
+            add("TEXCOORD_1", out.push_accessor(&self.second_uvs, Component::F32, "VEC2", BufferTarget::Vertices));
+        }
+        if !self.colors.is_empty() {
+            add("COLOR_0", out.push_accessor(&self.colors, Component::F32, "VEC4", BufferTarget::Vertices));
+        }
         if !self.influences.is_empty() {
             add("JOINTS_0", self.push_joints(out));
             let weights: Vec<[f32; 4]> = self.influences.iter().map(|i| i.weights).collect();

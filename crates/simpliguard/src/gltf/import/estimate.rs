@@ -66,7 +66,9 @@ impl Size {
         let count = |name: &str| primitive.attributes.get(name).map_or(Ok(0), |&accessor| reader.count(accessor));
         let vertices = count("POSITION")? as u64;
         let triangles = primitive::triangle_count(reader, primitive)? as u64;
-        let used = vertices.min(3 * triangles);
+        // Without normals, each triangle has vertices of its own.
+        let is_flat = !primitive.attributes.contains_key("NORMAL");
+        let used = if is_flat { 3 * triangles } else { vertices.min(3 * triangles) };
         let sparse = |accessor: &usize| reader.root.accessors.get(*accessor).and_then(|a| a.sparse.as_ref());
         let replaced = primitive.attributes.values().filter_map(sparse).map(|s| s.count as u64).max().unwrap_or(0);
         let targets = primitive.targets.len() as u64;

@@ -45,7 +45,10 @@ pub(super) fn read(asset: Asset<'_>, root: &Root<'_>, used: &[Option<usize>]) ->
     let mut collector = Collector { asset, root, known: BTreeMap::new(), out: Materials::default() };
     for &index in used {
         let (material, uv_sets) = match index {
-            Some(index) => collector.material(asset.item(&root.materials, index, "material")?)?,
+            Some(index) => {
+                let (material, uv_sets) = collector.material(asset.item(&root.materials, index, "material")?)?;
+                (Material { index: Some(index), uv_sets, ..material }, uv_sets)
+            }
             None => (Material::default(), [0, 1]),
         };
         collector.out.materials.push(material);

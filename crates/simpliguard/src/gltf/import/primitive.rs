@@ -44,6 +44,7 @@ pub(super) fn read(
     let positions: Vec<Vec3> = attributes.morphed("POSITION")?.unwrap_or_default();
     let normals: Option<Vec<Vec3>> = attributes.morphed("NORMAL")?;
     reader.asset.check()?;
+    let is_flat = normals.is_none();
     let mesh = PrimitiveMesh {
         normals: completed_normals(normals, &positions, &triangles),
         positions,
@@ -56,7 +57,11 @@ pub(super) fn read(
         triangles,
     };
     reader.asset.check()?;
-    Ok(if primitive.indices.is_none() { mesh.with_merged_vertices() } else { mesh })
+    Ok(match primitive.indices {
+        _ if is_flat => mesh.with_flat_normals(),
+        None => mesh.with_merged_vertices(),
+        Some(_) => mesh,
+    })
 }
 
 fn vertex_count(reader: Reader<'_>, primitive: &schema::Primitive<'_>) -> Result<usize, Error> {
@@ -180,14 +185,12 @@ impl Attributes<'_> {
     }
 }
 
-/// The given normals at unit length. Missing or zero normals become the area-weighted mean of the faces around the
-/// position.
+/// The given normals at unit length. Zero normals become the area-weighted mean of the faces around the position. Without
+/// any, all are zero.
 fn completed_normals(given: Option<Vec<Vec3>>, positions: &[Vec3], triangles: &[[u32; 3]]) -> Vec<Vec3> {
     let unit = |normal: Vec3| normal.try_normalize().unwrap_or_default();
-    let mut normals: Vec<Vec3> = match given {
-        Some(given) => given.into_iter().map(unit).collect(),
-        None => vec![Vec3::ZERO; positions.len()],
-    };
+    let Some(given) = given else { return vec![Vec3::ZERO; positions.len()] };
+    let mut normals: Vec<Vec3> = given.into_iter().map(unit).collect();
     if normals.iter().all(|&normal| normal != Vec3::ZERO) {
         return normals;
     }

@@ -2,7 +2,7 @@
 
 use glam::{Vec2, Vec3, Vec4};
 
-use crate::data::{Influences, gather};
+use crate::data::{Influences, area_vector, gather};
 use crate::geometry::first_equal;
 
 /// Triangles and their vertices. Attributes that are present have the length of `positions`.
@@ -32,15 +32,32 @@ impl PrimitiveMesh {
         let first = first_equal_vertices(&self);
         triangles.iter_mut().flatten().for_each(|vertex| *vertex = first[*vertex as usize]);
         let kept = renumber(&mut triangles, self.positions.len());
+        self.gathered(&kept, triangles)
+    }
+
+    /// Gives each triangle vertices of its own with its normal, as glTF asks of a mesh without normals.
+    pub(super) fn with_flat_normals(self) -> Self {
+        let corners: Vec<u32> = self.triangles.as_flattened().to_vec();
+        let triangles = (0..self.triangles.len() as u32).map(|t| [3 * t, 3 * t + 1, 3 * t + 2]).collect();
+        let normal = |triangle: &[u32; 3]| {
+            let area = area_vector(triangle.map(|v| self.positions[v as usize]));
+            [area.try_normalize().unwrap_or_default(); 3]
+        };
+        let normals = self.triangles.iter().flat_map(normal).collect();
+        Self { normals, ..self.gathered(&corners, triangles) }.with_merged_vertices()
+    }
+
+    /// The vertices with the indices `kept` under other triangles.
+    fn gathered(self, kept: &[u32], triangles: Vec<[u32; 3]>) -> Self {
         Self {
-            positions: gather(&self.positions, &kept),
-            normals: gather(&self.normals, &kept),
-            tangents: self.tangents.map(|all| gather(&all, &kept)),
-            uvs: self.uvs.map(|uvs| uvs.map(|all| gather(&all, &kept))),
-            colors: self.colors.map(|all| gather(&all, &kept)),
-            painted: self.painted.map(|all| gather(&all, &kept)),
-            influences: self.influences.map(|all| gather(&all, &kept)),
-            displacements: self.displacements.into_iter().map(|all| gather(&all, &kept)).collect(),
+            positions: gather(&self.positions, kept),
+            normals: gather(&self.normals, kept),
+            tangents: self.tangents.map(|all| gather(&all, kept)),
+            uvs: self.uvs.map(|uvs| uvs.map(|all| gather(&all, kept))),
+            colors: self.colors.map(|all| gather(&all, kept)),
+            painted: self.painted.map(|all| gather(&all, kept)),
+            influences: self.influences.map(|all| gather(&all, kept)),
+            displacements: self.displacements.into_iter().map(|all| gather(&all, kept)).collect(),
             triangles,
         }
     }
@@ -122,6 +139,20 @@ mod tests {
             (merged.normals.len(), merged.displacements.iter().map(Vec::len).collect::<Vec<_>>()),
             (5, vec![0, 5])
         );
+    }
+
+    #[test]
+    fn without_normals_faces_are_flat_and_share_vertices_where_they_are_even() {
+        let mut folded = square();
+        folded.uvs = [None, None];
+        let even = folded.with_flat_normals();
+        assert_eq!((even.positions.len(), even.normals.as_slice()), (4, [Vec3::Z; 4].as_slice()));
+        let mut folded = square();
+        folded.positions[5].z = 1.0;
+        let folded = folded.with_flat_normals();
+        assert_eq!(folded.positions.len(), 6);
+        assert_eq!(folded.normals[..3], [Vec3::Z; 3]);
+        assert!(folded.normals[3..].iter().all(|n| (*n - folded.normals[3]).length() == 0.0 && n.z < 0.9));
     }
 
     #[test]

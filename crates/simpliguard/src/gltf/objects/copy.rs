@@ -21,6 +21,17 @@ impl Copier {
         Self { places: HashMap::new(), is_canonical }
     }
 
+    /// Tells where materials of the one document stand in the other, so that they are not copied.
+    pub(super) fn know_materials(&mut self, places: impl IntoIterator<Item = (usize, usize)>) {
+        self.places.extend(places.into_iter().map(|(from, to)| ((Kind::Material as usize, from), to)));
+    }
+
+    /// The materials that were copied, with their places.
+    pub(super) fn materials(&self) -> impl Iterator<Item = (usize, usize)> {
+        let is_material = |(kind, _): &(usize, usize)| *kind == Kind::Material as usize;
+        self.places.iter().filter(move |(from, _)| is_material(from)).map(|((_, from), to)| (*from, *to))
+    }
+
     /// Copies object `i` of `kind`, and returns its place. `None` if there is no such object.
     pub(super) fn copy(&mut self, from: &Builder, to: &mut Builder, kind: Kind, i: usize) -> Option<usize> {
         if let Some(place) = self.places.get(&(kind as usize, i)) {

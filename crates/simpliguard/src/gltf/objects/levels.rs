@@ -50,7 +50,8 @@ struct Skin {
 }
 
 impl Levels {
-    /// Copies the levels in the file of a baked object into the scene. The smallest leaves its textures to `atlas`.
+    /// Copies the levels in the file of a baked object into the scene. The smallest leaves its textures to `atlas`. Materials that
+    /// levels have kept are the scene's own: `materials` has their places in the file and in the scene.
     ///
     /// # Errors
     /// If the file is none that the export writes.
@@ -58,9 +59,11 @@ impl Levels {
         scene: &mut Builder,
         name: &str,
         glb: &[u8],
+        materials: impl IntoIterator<Item = (usize, usize)>,
         mut atlas: Option<&mut SharedAtlas>,
     ) -> Result<Self, Error> {
         let (mut from, mut copier) = (Builder::from_glb(&scene.asset, glb)?, Copier::new(false));
+        copier.know_materials(materials);
         let level = |(i, node): (usize, &Value)| {
             let stamp = Stamp::deserialize(node.pointer("/extras/simpliguard")?).ok()?;
             Some((i, stamp, index(node, "mesh")?))
@@ -256,6 +259,31 @@ mod tests {
         let chair = &scene.all(Kind::Node)[0];
         assert_eq!(chair["extensions"]["MSFT_lod"]["ids"], json!([1]));
         assert_eq!(chair["extras"], json!({ "cost": 5, "MSFT_screencoverage": [0.00379, 0.0] }));
+    }
+
+    #[test]
+    fn materials_that_a_level_has_kept_are_those_of_the_scene() {
+        let mut baked = Builder::new("chair");
+        for name in ["of the source", "of a level"] {
+            baked.push(Kind::Material, json!({ "name": name }));
+        }
+        let meshes = [0, 0, 1].map(|material| json!({ "primitives": [{ "attributes": {}, "material": material }] }));
+        for (i, mesh) in meshes.into_iter().enumerate() {
+            let mesh = baked.push(Kind::Mesh, mesh);
+            let stamp = json!({ "simpliguard": { "level": i, "budget": 10 * i, "faces": 1, "error": 0.0 } });
+            let extras = if i == 0 { json!({}) } else { stamp };
+            baked.push(Kind::Node, json!({ "mesh": mesh, "extras": extras }));
+        }
+        let mut scene = Builder::new("room");
+        for name in ["another", "of the source"] {
+            scene.push(Kind::Material, json!({ "name": name }));
+        }
+        let glb = baked.into_glb().expect("small");
+        let levels = Levels::take(&mut scene, "Chair", &glb, [(0, 1)], None).expect("an export");
+        let material = |level: &Level| scene.all(Kind::Mesh)[level.mesh]["primitives"][0]["material"].clone();
+        // The most detailed first.
+        assert_eq!(levels.levels.iter().map(material).collect::<Vec<_>>(), [2, 1]);
+        assert_eq!((scene.all(Kind::Material).len(), &scene.all(Kind::Material)[2]["name"]), (3, &json!("of a level")));
     }
 
     #[test]

@@ -82,6 +82,16 @@ impl Recipe {
 
     /// The object as binary glTF.
     pub(super) fn build(&self, scene: &Builder) -> Result<Vec<u8>, Error> {
+        self.copy(scene).0.into_glb()
+    }
+
+    /// The material of the scene for each material of the object's file.
+    pub(super) fn materials(&self, scene: &Builder) -> Vec<(usize, usize)> {
+        self.copy(scene).1.materials().map(|(of_scene, of_object)| (of_object, of_scene)).collect()
+    }
+
+    /// The object's document, and what was copied into it.
+    fn copy(&self, scene: &Builder) -> (Builder, Copier) {
         let (mut out, mut copier) = (Builder::new(&scene.asset), Copier::new(true));
         for list in ["extensionsUsed", "extensionsRequired"] {
             let names = scene.json.get(list).and_then(Value::as_array).into_iter().flatten();
@@ -99,7 +109,7 @@ impl Recipe {
             out.push(kind, object);
         }
         retain_used_extensions(&mut out);
-        out.into_glb()
+        (out, copier)
     }
 }
 

@@ -320,7 +320,7 @@ mod tests {
         ];
         assert_eq!(
             (PIPELINE_VERSION, keys.map(|key| key.hex()[..16].to_owned())),
-            ("19", ["06586539f3542544", "55d195a5819ae3ff"].map(str::to_owned))
+            ("20", ["140a8dc3c6a53381", "fd75cf2840fd0668"].map(str::to_owned))
         );
     }
 }

@@ -23,4 +23,5 @@ mod simplifier;
 mod tests;
 mod vertex_quadrics;
 
+pub(super) use quadric::Quadric;
 pub(super) use simplifier::Simplifier;

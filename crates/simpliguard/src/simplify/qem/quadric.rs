@@ -8,7 +8,7 @@ use glam::{DMat3, DVec3, DVec4};
 
 /// Sum of squared distances to weighted planes, and of weighted curvature errors.
 #[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Quadric {
+pub(crate) struct Quadric {
     pub(super) planes: Planes,
     pub(super) attribute: Attribute,
 }
@@ -57,7 +57,7 @@ impl Attribute {
 
 impl Quadric {
     /// Squared distance to the plane `n . p + d = 0`, times `weight`.
-    pub(super) fn plane(n: DVec3, d: f64, weight: f64) -> Self {
+    pub(crate) fn plane(n: DVec3, d: f64, weight: f64) -> Self {
         let w = n * weight;
         let a = [w.x * n.x, w.x * n.y, w.x * n.z, w.y * n.y, w.y * n.z, w.z * n.z];
         Self { planes: Planes { a, b: w * d, c: weight * d * d }, ..Self::default() }
@@ -75,13 +75,13 @@ impl Quadric {
         Self { attribute: Attribute { gradient: g.extend(q) * weight, weight }, ..Self::plane(g, q, weight) }
     }
 
-    pub(super) fn add(&mut self, other: &Self) {
+    pub(crate) fn add(&mut self, other: &Self) {
         self.planes.add(&other.planes);
         self.attribute.add(&other.attribute);
     }
 
     /// The error at `p`, never negative.
-    pub(super) fn error(&self, p: DVec3) -> f64 {
+    pub(crate) fn error(&self, p: DVec3) -> f64 {
         let Attribute { gradient, weight } = self.attribute;
         let mean = gradient.dot(p.extend(1.0));
         let attribute = if weight > 0.0 { mean * mean / weight } else { 0.0 };

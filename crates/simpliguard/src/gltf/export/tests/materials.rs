@@ -1,13 +1,14 @@
 //! Materials and textures of levels.
 
-use glam::Vec4;
+use glam::{Vec2, Vec4};
 
 use super::*;
+use crate::data::Material;
 
 #[test]
 fn materials_carry_every_mode() {
     let mut level = level(1000, false);
-    level.layers[0].material = LevelMaterial {
+    level.layers[0].material = LayerMaterial::Baked(LevelMaterial {
         alpha_mode: AlphaMode::Mask { cutoff: 0.3 },
         double_sided: true,
         unlit: true,
@@ -16,7 +17,7 @@ fn materials_carry_every_mode() {
         emissive: Vec3::new(4.0, 2.0, 0.0),
         base_color: Vec4::ONE,
         transmission: None,
-    };
+    });
     level.mesh.tangents = vec![Vec3::X.extend(1.0); 3];
     level.textures = all_textures(TextureFormat::Png);
     let read = Read::new("modes", &export_level(&triangle(), &level).expect("exports"));
@@ -36,6 +37,10 @@ fn materials_carry_every_mode() {
     assert_eq!(read.bin[view["byteOffset"].as_u64().unwrap_or(0) as usize + 25], 6);
 }
 
+fn own_material(level: &Level) -> LevelMaterial {
+    level.layers[0].material.baked().expect("its own").clone()
+}
+
 /// An image in each place that has one.
 fn all_textures(format: TextureFormat) -> LevelTextures {
     let map = || Some(RgbImage::from_pixel(4, 4, Rgb([128, 128, 255])));
@@ -52,8 +57,8 @@ fn all_textures(format: TextureFormat) -> LevelTextures {
 fn colours_without_alpha_may_be_jpeg_and_nothing_else_is() {
     for (alpha_mode, expected) in [(AlphaMode::Opaque, "image/jpeg"), (AlphaMode::Blend, "image/png")] {
         let mut level = level(1000, false);
-        level.layers[0].material.alpha_mode = alpha_mode;
-        level.layers[0].material.emissive = Vec3::ONE;
+        let material = LevelMaterial { alpha_mode, emissive: Vec3::ONE, ..own_material(&level) };
+        level.layers[0].material = LayerMaterial::Baked(material);
         level.mesh.tangents = vec![Vec3::X.extend(1.0); 3];
         level.textures = all_textures(TextureFormat::Jpeg(90));
         let read = Read::new("jpeg", &export_level(&triangle(), &level).expect("exports"));
@@ -73,16 +78,16 @@ fn colours_without_alpha_may_be_jpeg_and_nothing_else_is() {
 fn a_clear_layer_is_a_primitive_of_its_own() {
     let mut level = level(1000, false);
     level.mesh.triangles.push([2, 1, 0]);
-    let mut material = level.layers[0].material.clone();
-    material.alpha_mode = AlphaMode::Blend;
-    material.transmission = Some(Transmission {
+    let transmission = Transmission {
         factor: 0.5,
         ior: 1.25,
         thickness: 2.0,
         attenuation_distance: 4.0,
         attenuation_color: Vec3::ONE,
-    });
-    level.layers.push(LevelLayer { triangles: 1, material });
+    };
+    let material =
+        LevelMaterial { alpha_mode: AlphaMode::Blend, transmission: Some(transmission), ..own_material(&level) };
+    level.layers.push(LevelLayer { triangles: 1, material: LayerMaterial::Baked(material) });
     level.textures.base_color = Some(base_color(77));
     let read = Read::new("clear", &export_level(&triangle(), &level).expect("exports"));
     assert_eq!(read.json["meshes"][0]["primitives"].as_array().map(Vec::len), Some(2));
@@ -96,4 +101,31 @@ fn a_clear_layer_is_a_primitive_of_its_own() {
     assert_eq!(clear["extensions"]["KHR_materials_ior"]["ior"], json!(1.25));
     let volume = &clear["extensions"]["KHR_materials_volume"];
     assert_eq!((&volume["thicknessFactor"], &volume["attenuationDistance"]), (&json!(2.0), &json!(4.0)));
+}
+
+#[test]
+fn a_level_may_keep_the_materials_of_its_source() {
+    let material = |index: Option<usize>| Material { index, ..Material::default() };
+    let model = Model { materials: vec![material(Some(0)), material(None)], ..triangle() };
+    let mut level = level(1000, false);
+    level.mesh.triangles.push([2, 1, 0]);
+    level.mesh.colors = vec![Vec4::new(1.0, 0.5, 0.0, 1.0); 3];
+    level.mesh.second_uvs = vec![Vec2::ZERO; 3];
+    level.layers = [0, 1].map(|m| LevelLayer { triangles: 1, material: LayerMaterial::Source(m) }).to_vec();
+    level.textures.base_color = None;
+    let kept = |read: &Read, mesh: usize| {
+        let primitives = read.json["meshes"][mesh]["primitives"].as_array().expect("primitives");
+        assert_eq!((&primitives[0]["material"], primitives[1].get("material")), (&json!(0), None));
+        assert_eq!(primitives[0]["attributes"].get("TEXCOORD_1"), None, "it says nothing");
+        assert!(primitives[0]["attributes"].get("COLOR_0").is_some());
+        for kind in ["materials", "textures", "images"] {
+            assert_eq!(read.json[kind].as_array().map(Vec::len), Some(1), "{kind}");
+        }
+    };
+    let whole = export(&model, &[level.clone()], &ExportParams { keep_source: true }).expect("exports");
+    kept(&Read::new("kept", &whole), 1);
+    kept(&Read::new("kept_alone", &export_level(&model, &level).expect("exports")), 0);
+    level.layers[1].material = LayerMaterial::Source(2);
+    let message = export_level(&model, &level).expect_err("broken").to_string();
+    assert!(message.contains("keeps material 2 of 2"), "{message}");
 }

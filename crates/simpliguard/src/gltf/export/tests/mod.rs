@@ -9,8 +9,8 @@ use serde_json::{Value, json};
 
 use super::{ExportParams, export, export_level};
 use crate::data::{
-    AlphaMode, Bone, Document, Influences, Level, LevelLayer, LevelMaterial, LevelMesh, LevelMorph, LevelTextures,
-    Model, MorphTarget, Morphs, Rig, TextureFormat, Transmission,
+    AlphaMode, Bone, Document, Influences, LayerMaterial, Level, LevelLayer, LevelMaterial, LevelMesh, LevelMorph,
+    LevelTextures, Model, MorphTarget, Morphs, Rig, TextureFormat, Transmission,
 };
 
 mod materials;
@@ -187,13 +187,15 @@ fn level(budget: u32, skinned: bool) -> Level {
             normals: vec![Vec3::Z; 3],
             tangents: Vec::new(),
             uvs: vec![Vec2::ZERO, Vec2::X, Vec2::Y],
+            second_uvs: Vec::new(),
+            colors: Vec::new(),
             influences,
             triangles: vec![[0, 1, 2]],
             morphs: Vec::new(),
         },
         layers: vec![LevelLayer {
             triangles: 1,
-            material: LevelMaterial {
+            material: LayerMaterial::Baked(LevelMaterial {
                 alpha_mode: AlphaMode::Opaque,
                 double_sided: false,
                 unlit: false,
@@ -202,7 +204,7 @@ fn level(budget: u32, skinned: bool) -> Level {
                 emissive: Vec3::ZERO,
                 base_color: Vec4::ONE,
                 transmission: None,
-            },
+            }),
         }],
         textures: LevelTextures {
             base_color: Some(base_color(255)),

@@ -43,6 +43,7 @@ fn metallic_roughness_factors_and_modes_arrive() {
         alpha_mode: AlphaMode::Mask { cutoff: 0.25 },
         double_sided: true,
         unlit: true,
+        index: Some(0),
         ..Material::default()
     };
     assert_eq!(found, expected);

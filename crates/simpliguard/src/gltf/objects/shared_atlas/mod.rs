@@ -9,7 +9,7 @@ mod pack;
 mod tile;
 
 use glam::Vec2;
-use serde_json::json;
+use serde_json::{Value, json};
 
 use self::compose::Composed;
 use self::pack::{Layout, Place};
@@ -49,7 +49,11 @@ impl SharedAtlas {
     pub(super) fn take_materials(&mut self, from: &mut Builder, mesh: usize) -> Taken {
         let room = (self.side / LEAST_SIDE).pow(2) as usize;
         let primitives = from.all(Kind::Mesh).get(mesh).and_then(|mesh| mesh.get("primitives")?.as_array());
-        let materials: Vec<Option<usize>> = primitives.into_iter().flatten().map(|p| index(p, "material")).collect();
+        let materials: Vec<Option<usize>> = primitives
+            .into_iter()
+            .flatten()
+            .map(|p| index(p, "material").filter(|_| is_in_unit_square(from, p)))
+            .collect();
         let mut taken = Vec::new();
         for (primitive, material) in materials.into_iter().enumerate().filter_map(|(i, m)| Some((i, m?))) {
             let tile = Tile::read(from, material).filter(|_| self.tiles.len() < room);
@@ -99,6 +103,19 @@ impl SharedAtlas {
         }
         Ok(is_textured.then_some(layout.side))
     }
+}
+
+/// True if all texture coordinates of a primitive of a level lie in the texture: none repeats it, as the source's materials may
+/// that a level has kept.
+fn is_in_unit_square(from: &Builder, primitive: &Value) -> bool {
+    let uvs = || {
+        let accessor = from.all(Kind::Accessor).get(index(primitive.get("attributes")?, "TEXCOORD_0")?)?;
+        let view = from.all(Kind::BufferView).get(index(accessor, "bufferView")?)?;
+        let start = index(view, "byteOffset").unwrap_or(0);
+        from.bin.get(start..start.checked_add(size_of::<Vec2>().checked_mul(index(accessor, "count")?)?)?)
+    };
+    let numbers = |bytes: &[u8]| bytes.as_chunks::<4>().0.iter().all(|c| (0.0..=1.0).contains(&f32::from_le_bytes(*c)));
+    uvs().is_some_and(numbers)
 }
 
 /// Moves texture coordinates from a texture of their own into its place. Half a texel stays free at the borders, so that a

@@ -63,6 +63,18 @@ impl Tile {
         let strength = number(extension(known[1]).and_then(|e| e.get("emissiveStrength")));
         let emissive = material.get("emissiveFactor").and_then(numbers).map_or(Vec3::ZERO, Vec3::from_array);
         let packed = reflection("metallicRoughnessTexture");
+        let occlusion = material.get("occlusionTexture");
+        let is_plain =
+            |texture: &Value| index(texture, "texCoord").unwrap_or(0) == 0 && texture.get("extensions").is_none();
+        let normal = material.get("normalTexture");
+        let textures = [reflection("baseColorTexture"), packed, normal, occlusion, material.get("emissiveTexture")];
+        // Materials that a level has kept from its source may have more than a tile.
+        if !textures.into_iter().flatten().all(is_plain)
+            || occlusion.is_some_and(|occlusion| Some(occlusion) != packed)
+            || normal.and_then(|normal| normal.get("scale")).is_some()
+        {
+            return None;
+        }
         let image = |texture: Option<&Value>| texture.map(|texture| image_file(from, texture)).transpose();
         let images = [
             image(reflection("baseColorTexture")).ok()?,
