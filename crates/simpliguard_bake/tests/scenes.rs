@@ -8,7 +8,8 @@ use std::collections::{BTreeMap, BTreeSet};
 use bytes::Bytes;
 use serde_json::{Value, json};
 use simpliguard::settings::{
-    AtlasSize, BakeOverrides, BakeSettings, Budgets, Candidates, ExistingLods, ObjectRule, Quality, Scope,
+    AtlasSize, BakeOverrides, BakeSettings, Budgets, Candidates, ExistingLods, LevelMaterials, ObjectRule, Quality,
+    Scope,
 };
 use simpliguard::{Context, RelativeUri, Report, Resources, Source, Status};
 use simpliguard_bake::{CachedBake, Host, Notice, Parts};
@@ -298,8 +299,9 @@ fn one_level_stands_for_the_whole_scene() {
 fn the_smallest_levels_share_one_material() {
     let dir = tempfile::tempdir().expect("tempdir");
     let cache = Cache::new(dir.path());
-    let plain = bake(&village(), &cache);
-    let with_atlas = BakeSettings { shared_atlas: AtlasSize::Texels(256), ..settings() };
+    let own_materials = BakeSettings { materials: LevelMaterials::Baked, ..settings() };
+    let plain = bake_with(&village(), &cache, &own_materials);
+    let with_atlas = BakeSettings { shared_atlas: AtlasSize::Texels(256), ..own_materials };
     let baked = bake_with(&village(), &cache, &with_atlas);
     assert_eq!((baked.baked.len(), baked.found), (0, plain.baked.len()), "the objects have the keys that they had");
     let materials = |baked: &Baked, smallest: bool| -> BTreeSet<u64> {
@@ -314,6 +316,24 @@ fn the_smallest_levels_share_one_material() {
     assert_eq!(materials(&baked, true).len(), 1);
     assert_eq!(materials(&baked, false).len(), materials(&plain, false).len());
     assert!(materials(&baked, true).is_disjoint(&materials(&baked, false)));
+}
+
+#[test]
+fn levels_that_keep_the_materials_of_objects_show_those_of_the_scene() {
+    let dir = tempfile::tempdir().expect("tempdir");
+    let baked = bake(&village(), &Cache::new(dir.path()));
+    assert!(baked.report.all_levels().any(|level| level.candidate == "reduction"), "{:?}", baked.report);
+    let count = |kind: &str| baked.document[kind].as_array().map_or(0, Vec::len);
+    let kept = |node: &Value| node.pointer("/extras/simpliguard/materials").cloned();
+    let nodes = baked.document["nodes"].as_array().expect("nodes");
+    let keeping: Vec<&Value> = nodes.iter().filter(|node| kept(node).is_some()).collect();
+    assert!(!keeping.is_empty());
+    for node in keeping {
+        let mesh = node["mesh"].as_u64().expect("a mesh") as usize;
+        assert_eq!(baked.document["meshes"][mesh]["primitives"][0]["material"], 0, "the scene's only one");
+        assert_eq!(kept(node), Some(json!([0])));
+    }
+    assert!(count("images") <= baked.report.all_levels().filter(|level| level.candidate != "reduction").count());
 }
 
 /// Two rocks with a level of their own, and a bush with one of two meshes.

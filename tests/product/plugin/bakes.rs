@@ -73,7 +73,8 @@ fn textures_of_a_processed_file_lie_in_blocks() {
 #[test]
 fn a_source_on_demand_comes_with_a_camera_and_goes_with_it() {
     let project = with_globe();
-    let process = "Process(processor: \"bevy_simpliguard::SimpliguardProcess\", settings: (source: OnDemand))";
+    let process =
+        "Process(processor: \"bevy_simpliguard::SimpliguardProcess\", settings: (source: OnDemand, materials: Baked))";
     project.save("assets/globe.gltf.meta", format!("(meta_format_version: \"1.0\", asset: {process})"));
     let mut game = project.run();
     game.wait_for_levels("globe.gltf", 2);

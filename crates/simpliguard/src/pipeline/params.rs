@@ -11,7 +11,7 @@ use crate::refine::{RefineParams, Solver, TextureAdam};
 use crate::render::ViewParams;
 use crate::settings::{
     BakeSettings, Candidates, ExistingLods, InitialTexture, JointSplitting, LaplacianOf, LevelMaterials, MorphTargets,
-    Resolution, SkinTransfer, SourceGeometry, Target, TextureSolver,
+    Resolution, SkinTransfer, Target, TextureSolver,
 };
 use crate::simplify::{CandidateParams, CollapseParams, ImportanceParams};
 use crate::skinning::{SkinningParams, Transfer};
@@ -135,7 +135,6 @@ impl Params {
             views: ViewParams { count: settings.views, size: settings.view_size, poses: settings.poses },
             candidates: candidates(settings),
             keep_materials: settings.materials == LevelMaterials::Auto
-                && settings.source == SourceGeometry::Keep
                 && settings.candidates != Candidates::Reconstruction
                 && !settings.watertight
                 && settings.bone_faces == 0.0,

@@ -14,7 +14,8 @@ use super::report::{LevelReport, ObjectReport, OwnLevelReport, Report, StageSeco
 use super::version::PIPELINE_VERSION;
 use crate::gltf::{ImportLimits, ObjectScene};
 use crate::settings::{
-    AtlasSize, BakeSettings, Candidates, ExistingLods, MatchingRules, RuleMatcher, Scope, SourceGeometry,
+    AtlasSize, BakeSettings, Candidates, ExistingLods, LevelMaterials, MatchingRules, RuleMatcher, Scope,
+    SourceGeometry,
 };
 use crate::{Error, NoResources, Source};
 
@@ -295,10 +296,11 @@ fn without_scene(settings: &BakeSettings) -> BakeSettings {
 }
 
 /// The settings of the levels that stand for all objects; `None` if there are to be none. All candidates compete, as few
-/// triangles cannot hold hundreds of surfaces apart.
+/// triangles cannot hold hundreds of surfaces apart, and one material makes one draw call of them.
 fn whole_settings(settings: &BakeSettings) -> Option<BakeSettings> {
     let (faces, targets, candidates) = (settings.whole.0.clone(), Vec::new(), Candidates::All);
-    (!faces.is_empty()).then(|| BakeSettings { faces, targets, candidates, ..without_scene(settings) })
+    let materials = LevelMaterials::Baked;
+    (!faces.is_empty()).then(|| BakeSettings { faces, targets, candidates, materials, ..without_scene(settings) })
 }
 
 /// The settings of an object of so many triangles. `None` for one that is too small for levels.

@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use super::choices::Quality;
+use super::choices::{LevelMaterials, Quality, SourceGeometry};
 use super::field::FieldInfo;
 use super::fields::{BakeOverrides, BakeSettings, reference};
 use super::overrides::parse_overrides;
@@ -123,7 +123,7 @@ impl BakeSettings {
 
 /// Lays overrides over the built-in values, each layer over those before it: project defaults, matching rules, profile,
 /// `.meta`, settings file, command line. The quality is the last one of all layers; its built-in values lie below all
-/// of them.
+/// of them. Levels without their source beside them get materials of their own: they would keep its textures in memory.
 ///
 /// # Errors
 /// If a value is out of range. Overrides that were read from text are in range.
@@ -136,6 +136,9 @@ pub fn resolve(layers: Vec<Layer>) -> Result<Resolved, Error> {
         for (slot, _) in origins.iter_mut().zip(is_set).filter(|(_, is_set)| *is_set) {
             *slot = origin.clone();
         }
+    }
+    if settings.source != SourceGeometry::Keep {
+        settings.materials = LevelMaterials::Baked;
     }
     settings.check()?;
     Ok(Resolved { settings, origins })
@@ -184,6 +187,16 @@ mod tests {
         let resolved = resolve(vec![layer(Origin::CommandLine, &set)]).expect("valid").settings;
         for settings in [BakeSettings::default(), BakeSettings::preset(Quality::Best), resolved] {
             assert_eq!(BakeSettings::from_ron(&settings.to_ron()).expect("valid"), settings, "{}", settings.to_ron());
+        }
+    }
+
+    #[test]
+    fn levels_without_their_source_have_materials_of_their_own() {
+        for (source, expected) in
+            [("keep", LevelMaterials::Auto), ("drop", LevelMaterials::Baked), ("on-demand", LevelMaterials::Baked)]
+        {
+            let resolved = resolve(vec![layer(project(), &[("source", source)])]).expect("valid");
+            assert_eq!(resolved.settings.materials, expected);
         }
     }
 

@@ -11,7 +11,7 @@ use super::params::ExportParams;
 use super::skin::Binding;
 use super::textures::push_sampler;
 use super::{clips, embed, hierarchy, prune};
-use crate::data::{Level, Model};
+use crate::data::{LayerMaterial, Level, LevelLayer, Model};
 use crate::gltf::authored::level_nodes;
 use crate::{Cancellation, Error};
 
@@ -69,6 +69,13 @@ fn extras(model: &Model, version: &str, k: usize, level: &Level, encoded: &Encod
     }});
     if let Some(morphs) = model.surface.morphs.as_ref().filter(|_| encoded.has_morphs()) {
         extras["simpliguard"]["morphs"] = json!(morphs.node);
+    }
+    if level.keeps_materials() {
+        let index = |layer: &LevelLayer| match layer.material {
+            LayerMaterial::Source(material) => model.materials.get(material as usize)?.index,
+            LayerMaterial::Baked(_) => None,
+        };
+        extras["simpliguard"]["materials"] = level.layers.iter().map(index).collect();
     }
     extras
 }

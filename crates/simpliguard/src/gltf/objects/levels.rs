@@ -1,5 +1,7 @@
 //! The levels of an object: taken out of its baked file, and written as nodes for each of its instances.
 
+use std::collections::HashMap;
+
 use serde::Deserialize;
 use serde_json::{Value, json};
 
@@ -39,6 +41,9 @@ struct Stamp {
     error: Value,
     /// The node of the object whose morph targets the level has.
     morphs: Option<usize>,
+    /// For each primitive, the material of the object that it has kept. Empty if all are baked.
+    #[serde(default)]
+    materials: Vec<Option<usize>>,
 }
 
 /// The skin of a level.
@@ -51,7 +56,7 @@ struct Skin {
 
 impl Levels {
     /// Copies the levels in the file of a baked object into the scene. The smallest leaves its textures to `atlas`. Materials that
-    /// levels have kept are the scene's own: `materials` has their places in the file and in the scene.
+    /// levels have kept are the scene's own: `materials` has the scene's for each of the object's.
     ///
     /// # Errors
     /// If the file is none that the export writes.
@@ -59,16 +64,18 @@ impl Levels {
         scene: &mut Builder,
         name: &str,
         glb: &[u8],
-        materials: impl IntoIterator<Item = (usize, usize)>,
+        materials: &HashMap<usize, usize>,
         mut atlas: Option<&mut SharedAtlas>,
     ) -> Result<Self, Error> {
         let (mut from, mut copier) = (Builder::from_glb(&scene.asset, glb)?, Copier::new(false));
-        copier.know_materials(materials);
         let level = |(i, node): (usize, &Value)| {
             let stamp = Stamp::deserialize(node.pointer("/extras/simpliguard")?).ok()?;
             Some((i, stamp, index(node, "mesh")?))
         };
         let found: Vec<(usize, Stamp, usize)> = from.all(Kind::Node).iter().enumerate().filter_map(level).collect();
+        for (_, stamp, mesh) in &found {
+            copier.know_materials(kept_materials(&from, *mesh, &stamp.materials, materials));
+        }
         let smallest = found.iter().min_by_key(|(_, stamp, _)| stamp.budget).map(|(_, _, mesh)| *mesh);
         let mut taken = smallest.and_then(|mesh| Some(atlas.as_mut()?.take_materials(&mut from, mesh)));
         let mut levels = Vec::new();
@@ -100,7 +107,14 @@ impl Levels {
         let level = |(above, (level, error)): (usize, &(OwnLevel, f32))| {
             let faces = u32::try_from(level.faces).unwrap_or(u32::MAX);
             let skin = level.skin(object).map(|(joints, inverse_bind)| Skin { joints, inverse_bind });
-            let stamp = Stamp { level: number(above), budget: faces, faces, error: json!(error), morphs: None };
+            let stamp = Stamp {
+                level: number(above),
+                budget: faces,
+                faces,
+                error: json!(error),
+                morphs: None,
+                materials: Vec::new(),
+            };
             Level { mesh: level.mesh, skin, stamp }
         };
         let own: Vec<Level> = own.iter().enumerate().map(level).collect();
@@ -165,9 +179,21 @@ impl Levels {
     }
 }
 
+/// The materials in the file of an object that a level has kept, with their places in the scene.
+fn kept_materials(
+    from: &Builder,
+    mesh: usize,
+    kept: &[Option<usize>],
+    of_scene: &HashMap<usize, usize>,
+) -> Vec<(usize, usize)> {
+    let primitives = from.all(Kind::Mesh).get(mesh).and_then(|mesh| mesh.get("primitives")?.as_array());
+    let materials = primitives.into_iter().flatten().map(|primitive| index(primitive, "material"));
+    materials.zip(kept).filter_map(|(material, kept)| Some((material?, *of_scene.get(&(*kept)?)?))).collect()
+}
+
 impl Level {
     fn node(&self, scene: &mut Builder, object: &Object, version: &str) -> Value {
-        let Stamp { level, budget, faces, error, morphs } = &self.stamp;
+        let Stamp { level, budget, faces, error, morphs, materials: _ } = &self.stamp;
         let holder = &scene.all(Kind::Node)[object.holder];
         let name = holder.get("name").and_then(Value::as_str).map_or_else(String::new, |name| format!("{name} "));
         let mut stamp = json!({
@@ -229,7 +255,10 @@ mod tests {
     use super::*;
 
     fn levels(errors: &[f64]) -> Levels {
-        let stamp = |error: f64| Stamp { level: 1, budget: 9, faces: 8, error: json!(error), morphs: None };
+        let stamp = |error: f64| {
+            let error = json!(error);
+            Stamp { level: 1, budget: 9, faces: 8, error, morphs: None, materials: Vec::new() }
+        };
         let level = |error: &f64| Level { mesh: 0, skin: None, stamp: stamp(*error) };
         Levels { levels: errors.iter().map(level).collect() }
     }
@@ -270,7 +299,10 @@ mod tests {
         let meshes = [0, 0, 1].map(|material| json!({ "primitives": [{ "attributes": {}, "material": material }] }));
         for (i, mesh) in meshes.into_iter().enumerate() {
             let mesh = baked.push(Kind::Mesh, mesh);
-            let stamp = json!({ "simpliguard": { "level": i, "budget": 10 * i, "faces": 1, "error": 0.0 } });
+            let mut stamp = json!({ "simpliguard": { "level": i, "budget": 10 * i, "faces": 1, "error": 0.0 } });
+            if i == 1 {
+                stamp["simpliguard"]["materials"] = json!([7]);
+            }
             let extras = if i == 0 { json!({}) } else { stamp };
             baked.push(Kind::Node, json!({ "mesh": mesh, "extras": extras }));
         }
@@ -279,7 +311,7 @@ mod tests {
             scene.push(Kind::Material, json!({ "name": name }));
         }
         let glb = baked.into_glb().expect("small");
-        let levels = Levels::take(&mut scene, "Chair", &glb, [(0, 1)], None).expect("an export");
+        let levels = Levels::take(&mut scene, "Chair", &glb, &HashMap::from([(7, 1)]), None).expect("an export");
         let material = |level: &Level| scene.all(Kind::Mesh)[level.mesh]["primitives"][0]["material"].clone();
         // The most detailed first.
         assert_eq!(levels.levels.iter().map(material).collect::<Vec<_>>(), [2, 1]);

@@ -86,7 +86,7 @@ impl Recipe {
     }
 
     /// The material of the scene for each material of the object's file.
-    pub(super) fn materials(&self, scene: &Builder) -> Vec<(usize, usize)> {
+    pub(super) fn materials(&self, scene: &Builder) -> HashMap<usize, usize> {
         self.copy(scene).1.materials().map(|(of_scene, of_object)| (of_object, of_scene)).collect()
     }
 

@@ -28,8 +28,6 @@ pub(crate) struct ObjectScene {
     kinds: Vec<ObjectKind>,
     /// The nodes with meshes.
     mesh_nodes: Vec<usize>,
-    /// Number of the file's own materials.
-    materials: usize,
     /// The levels that stand for all of them.
     whole: Levels,
     /// The textures that the smallest levels of all objects share, if they do.
@@ -82,7 +80,6 @@ impl ObjectScene {
         let objects = find::find(&out, &mesh_nodes, &patterns);
         cancellation.check(source.name)?;
         let (channels, mut known) = (Channels::of(&out), HashMap::new());
-        let materials = out.all(Kind::Material).len();
         let (mut instances, mut kinds) = (Vec::with_capacity(objects.len()), Vec::new());
         for object in objects {
             let recipe = Recipe::new(&out, &object, &channels);
@@ -98,7 +95,7 @@ impl ObjectScene {
             instances.push((object, kind));
         }
         let (whole, atlas, levels_left_out) = (Levels::default(), None, own_levels.left_out);
-        Ok(Self { out, old_levels, instances, kinds, mesh_nodes, materials, whole, atlas, is_baked, levels_left_out })
+        Ok(Self { out, old_levels, instances, kinds, mesh_nodes, whole, atlas, is_baked, levels_left_out })
     }
 
     /// Lets the smallest levels of all objects share textures of at most `side` texels a side, a power of two. Levels that
@@ -143,7 +140,7 @@ impl ObjectScene {
     pub(crate) fn take_levels(&mut self, kind: usize, glb: &[u8]) -> Result<(), Error> {
         let ObjectKind { name, levels, recipe, .. } = &mut self.kinds[kind];
         let materials = recipe.materials(&self.out);
-        *levels = Levels::take(&mut self.out, name, glb, materials, self.atlas.as_mut())?;
+        *levels = Levels::take(&mut self.out, name, glb, &materials, self.atlas.as_mut())?;
         Ok(())
     }
 
@@ -152,8 +149,8 @@ impl ObjectScene {
     /// # Errors
     /// If the file is none that the export writes.
     pub(crate) fn take_whole(&mut self, glb: &[u8]) -> Result<(), Error> {
-        let materials = (0..self.materials).map(|material| (material, material));
-        self.whole = Levels::take(&mut self.out, "Whole", glb, materials, None)?;
+        // They have materials of their own.
+        self.whole = Levels::take(&mut self.out, "Whole", glb, &HashMap::new(), None)?;
         Ok(())
     }
 

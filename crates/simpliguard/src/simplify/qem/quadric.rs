@@ -89,7 +89,7 @@ impl Quadric {
     }
 
     /// The position of the least error; `None` if that is ill defined.
-    pub(super) fn minimum(&self) -> Option<DVec3> {
+    pub(crate) fn minimum(&self) -> Option<DVec3> {
         let Planes { a: [mut xx, mut xy, mut xz, mut yy, mut yz, mut zz], mut b, .. } = self.planes;
         let Attribute { gradient, weight } = self.attribute;
         if weight > 0.0 {

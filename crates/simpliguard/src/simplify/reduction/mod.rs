@@ -1,20 +1,24 @@
 //! Reduction: the source's own triangles, fewer of them, with the source's materials and texture coordinates.
 //!
 //! Where a budget is a good part of the source's triangles, most of them can stay as they are, and a texture that is baked
-//! anew has less detail than the one that is there. So edges collapse onto one of their ends, where all attributes are known.
-//! What vertices carry is part of the error (Garland and Heckbert 1998, Hoppe 1999), in units of length: a texture that slides
-//! by a millimetre counts as much as a surface that moves by one. Borders and seams are held by planes of their own. Across a
-//! seam, a face keeps its own texture, whose coordinates are extrapolated.
+//! anew has less detail than the one that is there. So edges collapse onto one of their ends, where all attributes are known, or
+//! into the place of the least error, with the attributes that suit the faces there best. What vertices carry is part of the
+//! error (Garland and Heckbert 1998, Hoppe 1999), in units of length: a texture that slides by a millimetre counts as much as a
+//! surface that moves by one. What moves by bones or morph targets has all its vertices from the source. Borders and seams are
+//! held by planes of their own. Across a seam, a face keeps its own texture, whose coordinates are extrapolated.
 //!
 //! Other than the shapes of the competition, the result needs no atlas, no texture and no transfer of weights. It costs a draw
 //! call for each material, and the textures of the source stay in use.
 
 mod attributes;
 mod collapse;
+mod errors;
 mod inputs;
 mod pixels;
+mod plan;
 mod quadric;
 mod reduced;
+mod reducer;
 #[cfg(test)]
 mod tests;
 mod wedges;
@@ -26,8 +30,9 @@ use super::shape::Shortfall;
 use crate::data::{Morphs, Surface, TriMesh};
 use crate::geometry::BoundingSphere;
 use attributes::Scales;
-use collapse::{FaceWeights, Reducer};
+
 use pixels::Pixels;
+use reducer::{FaceWeights, Reducer};
 use wedges::WedgeMesh;
 
 pub use inputs::ReductionInputs;

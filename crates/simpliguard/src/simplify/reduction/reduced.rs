@@ -23,7 +23,11 @@ struct Vertex {
 pub(super) fn surface(model: &Model, mesh: &WedgeMesh, sphere: &BoundingSphere, scales: &Scales<'_>) -> Surface {
     let source = &model.surface;
     let faces = in_order(model, mesh);
-    let positions = mesh.vertices.iter().map(|&v| source.positions[v as usize]).collect();
+    let position = |(point, &v): (usize, &u32)| match mesh.is_moved[point] {
+        true => mesh.positions[point].as_vec3() * sphere.radius + sphere.centre,
+        false => source.positions[v as usize],
+    };
+    let positions = mesh.vertices.iter().enumerate().map(position).collect();
     let mut shape = weld::cut(&TriMesh { positions, triangles: faces.iter().map(|&f| mesh.points(f)).collect() });
     weld::move_coincident_apart(&mut shape, COINCIDENT_OFFSET * sphere.radius);
 

@@ -44,8 +44,10 @@ pub(super) struct WedgeMesh {
     around: Vec<Vec<u32>>,
     /// Each point in the unit sphere.
     pub(super) positions: Vec<DVec3>,
-    /// A vertex of the source at each point.
+    /// A vertex of the source at each point, or where it was.
     pub(super) vertices: Vec<u32>,
+    /// Points that lie where the source may have no vertex.
+    pub(super) is_moved: Vec<bool>,
 }
 
 impl WedgeMesh {
@@ -55,9 +57,9 @@ impl WedgeMesh {
         let (point_of, vertices) = weld(&surface.positions, &surface.influences);
         let position = |&v: &u32| (surface.positions[v as usize] - sphere.centre).as_dvec3() / f64::from(sphere.radius);
         let positions: Vec<DVec3> = vertices.iter().map(position).collect();
-        let around = vec![Vec::new(); positions.len()];
+        let (around, is_moved) = (vec![Vec::new(); positions.len()], vec![false; positions.len()]);
         let (wedges, faces, source) = (Vec::new(), Vec::new(), Vec::new());
-        let mut mesh = Self { wedges, faces, source, live: 0, around, positions, vertices };
+        let mut mesh = Self { wedges, faces, source, live: 0, around, positions, vertices, is_moved };
         let flat = flat_triangles(surface, &point_of);
         let mut known = HashMap::new();
         for (t, triangle) in (0..).zip(&surface.triangles).filter(|(t, _)| keep[*t as usize]) {
@@ -127,6 +129,23 @@ impl WedgeMesh {
     /// The wedges of a face at two points, if it has both.
     pub(super) fn wedges_at(&self, f: u32, u: u32, v: u32) -> Option<[u32; 2]> {
         Some([self.wedge_at(f, u)?, self.wedge_at(f, v)?])
+    }
+
+    /// The wedges of the faces around a point, each once.
+    pub(super) fn wedges_of(&self, point: u32) -> Vec<u32> {
+        let mut out = Vec::new();
+        for wedge in self.around(point).iter().filter_map(|&f| self.wedge_at(f, point)) {
+            if !out.contains(&wedge) {
+                out.push(wedge);
+            }
+        }
+        out
+    }
+
+    /// Moves a point to a place in the unit sphere where the source may have no vertex.
+    pub(super) fn place(&mut self, point: u32, place: DVec3) {
+        self.positions[point as usize] = place;
+        self.is_moved[point as usize] = true;
     }
 
     /// The wedge of a face at a point.
