@@ -41,7 +41,8 @@ struct Stamp {
     error: Value,
     /// The node of the object whose morph targets the level has.
     morphs: Option<usize>,
-    /// For each primitive, the material of the object that it has kept. Empty if all are baked.
+    /// For each primitive, the material that it has kept: in a file, that of the object; here, that of the scene. Empty if
+    /// all are baked.
     #[serde(default)]
     materials: Vec<Option<usize>>,
 }
@@ -79,10 +80,12 @@ impl Levels {
         let smallest = found.iter().min_by_key(|(_, stamp, _)| stamp.budget).map(|(_, _, mesh)| *mesh);
         let mut taken = smallest.and_then(|mesh| Some(atlas.as_mut()?.take_materials(&mut from, mesh)));
         let mut levels = Vec::new();
-        for (node, stamp, file_mesh) in found {
+        for (node, mut stamp, file_mesh) in found {
+            stamp.materials.iter_mut().flatten().for_each(|kept| *kept = materials.get(kept).copied().unwrap_or(*kept));
             let node = &from.all(Kind::Node)[node];
             let Some(mesh) = copier.copy(&from, scene, Kind::Mesh, file_mesh) else { continue };
             if let Some((atlas, taken)) = atlas.as_mut().zip(taken.take_if(|_| Some(file_mesh) == smallest)) {
+                stamp.materials.clear();
                 atlas.add(mesh, taken);
             }
             scene.all_mut(Kind::Mesh)[mesh]["name"] = json!(format!("{name} LOD{}", stamp.level));
@@ -193,7 +196,7 @@ fn kept_materials(
 
 impl Level {
     fn node(&self, scene: &mut Builder, object: &Object, version: &str) -> Value {
-        let Stamp { level, budget, faces, error, morphs, materials: _ } = &self.stamp;
+        let Stamp { level, budget, faces, error, morphs, materials } = &self.stamp;
         let holder = &scene.all(Kind::Node)[object.holder];
         let name = holder.get("name").and_then(Value::as_str).map_or_else(String::new, |name| format!("{name} "));
         let mut stamp = json!({
@@ -205,6 +208,9 @@ impl Level {
         }
         if let Some(driver) = morphs.and_then(|driver| object.nodes.get(driver)) {
             stamp["morphs"] = json!(driver);
+        }
+        if !materials.is_empty() {
+            stamp["materials"] = json!(materials);
         }
         let mut node = json!({ "name": format!("{name}LOD{level}"), "mesh": self.mesh });
         if let Some(anchor) = object.anchor.map(|anchor| &scene.all(Kind::Node)[anchor]) {
