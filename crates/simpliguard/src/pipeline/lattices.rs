@@ -40,7 +40,7 @@ pub(super) fn replace(source: &Source<'_>, maker: &mut LevelMaker<'_>, made: &mu
         extra: &extra,
         has_solid: true,
         views: Views::render(&index, params, &run)?,
-        pictures: maker.pictures.take(),
+        pictures: maker.pictures.clone(),
         content: maker.content.map(|content| store::lattices_key(&content)),
         params,
         run: &run,

@@ -1,5 +1,7 @@
 //! Makes the levels of a source for targets.
 
+use std::sync::Arc;
+
 use super::extra_layers::ExtraLayers;
 use super::layers::LayerKind;
 use super::level_task::{LayerShapes, Levels};
@@ -25,7 +27,7 @@ pub(super) struct LevelMaker<'a> {
     pub(super) has_solid: bool,
     pub(super) views: Views<'a>,
     /// Taken once the first shapes are known: a preview does not wait for them.
-    pub(super) pictures: Option<SourcePictures<'a>>,
+    pub(super) pictures: Option<Arc<SourcePictures<'a>>>,
     /// Key of the source's files, if stages are stored.
     pub(super) content: Option<Key>,
     pub(super) params: &'a Params,
@@ -72,7 +74,8 @@ impl LevelMaker<'_> {
         preview::show(source, &self.views, params, shapes, run)?;
         self.views.complete(shapes.solid.need_half_resolution, params, run);
         let (index, views) = (source.index, &params.views);
-        let pictures = Some(&*self.pictures.get_or_insert_with(|| SourcePictures::of(index, views, self.run)));
+        let pictures =
+            Some(&**self.pictures.get_or_insert_with(|| Arc::new(SourcePictures::of(index, views, self.run))));
         // Unwrap, skinning, texture, refine and maps.
         let views = &self.views;
         let levels = Levels { source, views, params, shapes, first, pictures, warm_start: false, run };

@@ -132,7 +132,9 @@ impl<'a> SourcePictures<'a> {
             let material = if name.is_empty() { m.to_string() } else { name.clone() };
             WrongMaterial { material, wrong: wrong as f32 / all as f32 }
         });
-        Likeness { psnr: psnr(0), psnr_lit: psnr(1), silhouette_iou: mean(&iou), worst }
+        let both = |view: &Comparison| decibels(0.5 * (view.errors[0] + view.errors[1]) / view.touched.max(1) as f64);
+        let psnr_worst = views.iter().map(both).fold(f64::INFINITY, f64::min).min(decibels(0.0)) as f32;
+        Likeness { psnr: psnr(0), psnr_lit: psnr(1), psnr_worst, silhouette_iou: mean(&iou), worst }
     }
 }
 
@@ -188,7 +190,10 @@ mod tests {
     fn a_model_is_like_itself() {
         let model = squares([0.2, 1.0]);
         let likeness = compare(&model, &model);
-        assert_eq!(likeness, Likeness { psnr: 100.0, psnr_lit: 100.0, silhouette_iou: 1.0, worst: None });
+        assert_eq!(
+            likeness,
+            Likeness { psnr: 100.0, psnr_lit: 100.0, psnr_worst: 100.0, silhouette_iou: 1.0, worst: None }
+        );
         assert_eq!(likeness.warning(1, 12.0), None);
     }
 

@@ -104,8 +104,8 @@ fn bake_whole(source: &Source<'_>, settings: &BakeSettings, context: &Context<'_
         run: &run,
     };
     let mut made = maker.make(&targets)?;
-    reduction::replace(source, &maker, &mut made)?;
     lattices::replace(source, &mut maker, &mut made)?;
+    reduction::replace(source, &maker, &mut made)?;
     gate::raise(&params.gate, &mut maker, &mut made)?;
     gate::check(&params.gate, source.name, &made)?;
     let Made { levels, reports, mut notes } = made;

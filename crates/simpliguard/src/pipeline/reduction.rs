@@ -18,7 +18,7 @@ const MOST_TRIANGLES_PER_FACE: usize = 64;
 /// than a level with one material.
 const DECIBELS_PER_DRAW_CALL: f32 = 0.1;
 
-/// Reduces the source to budgets that are a good part of it. The levels that look more like it stay.
+/// Reduces the source to budgets that are a good part of it. The levels that look more like it stay, also in their worst views.
 pub(super) fn replace(source: &Source<'_>, maker: &LevelMaker<'_>, made: &mut Made) -> Result<(), Error> {
     let is_near =
         |report: &LevelReport| maker.source_faces() <= MOST_TRIANGLES_PER_FACE.saturating_mul(report.budget as usize);
@@ -40,8 +40,10 @@ pub(super) fn replace(source: &Source<'_>, maker: &LevelMaker<'_>, made: &mut Ma
         let level = Level { error: report.error, ..level };
         let report = LevelReport { likeness: Some(likeness), ..report };
         let gain = report.mean_psnr() - made.reports[i].mean_psnr();
+        // Walls that are exact in most views must not hide bars that are missing in one.
+        let is_worse_somewhere = report.worst_psnr() < made.reports[i].worst_psnr();
         tracing::debug!(budget = report.budget, gain, draw_calls, "reduction");
-        if gain > DECIBELS_PER_DRAW_CALL * draw_calls as f32 {
+        if gain > DECIBELS_PER_DRAW_CALL * draw_calls as f32 && !is_worse_somewhere {
             let warning = maker.params.gate.warning(&report);
             (made.levels[i], made.reports[i]) = (level, LevelReport { warning, ..report });
         }

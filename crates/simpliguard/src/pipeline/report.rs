@@ -168,6 +168,9 @@ pub struct Likeness {
     pub psnr: f32,
     /// The same under a light at the camera.
     pub psnr_lit: f32,
+    /// PSNR in dB of the view with the largest error, without and with light. A mean of views may hide it.
+    #[serde(default)]
+    pub psnr_worst: f32,
     /// Intersection over union of the silhouettes, 0 to 1.
     pub silhouette_iou: f32,
     /// The material of the source with the most wrong pixels, if any are wrong.
@@ -187,6 +190,11 @@ impl LevelReport {
     /// How much the level looks like its source, in dB; 0 if nobody has looked.
     pub(super) fn mean_psnr(&self) -> f32 {
         self.likeness.as_ref().map_or(0.0, Likeness::mean_psnr)
+    }
+
+    /// How much the view of the largest error looks like the source, in dB; 0 if nobody has looked.
+    pub(super) fn worst_psnr(&self) -> f32 {
+        self.likeness.as_ref().map_or(0.0, |likeness| likeness.psnr_worst)
     }
 }
 
