@@ -12,6 +12,7 @@ mod objects;
 mod on_demand;
 mod plugin;
 mod pops;
+mod reduction;
 mod scene;
 mod tree;
 mod village;
