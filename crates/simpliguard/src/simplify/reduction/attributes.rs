@@ -69,9 +69,9 @@ impl<'a> Scales<'a> {
         Vec3::from_slice(&values[4..7]).try_normalize()
     }
 
-    /// The colour that values stand for.
+    /// The colour that values stand for, 0 to 1.
     pub(super) fn color_of(values: &Values) -> Vec4 {
-        (Vec4::from_slice(&values[7..11]) / COLOR).max(Vec4::ZERO)
+        (Vec4::from_slice(&values[7..11]) / COLOR).clamp(Vec4::ZERO, Vec4::ONE)
     }
 
     fn normal(&self, material: u32) -> f32 {

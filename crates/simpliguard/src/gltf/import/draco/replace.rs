@@ -10,6 +10,8 @@ use super::geometry::{Attribute, Geometry};
 use crate::gltf::import::extensions;
 use crate::gltf::rewrite::{Rewrite, ViewUse};
 
+/// glTF's code of floats.
+const FLOAT: u32 = 5126;
 /// The most vertices that indices of 16 bits can count: the last number restarts a primitive.
 const MAX_U16_VERTICES: usize = u16::MAX as usize;
 
@@ -62,7 +64,10 @@ impl Writer<'_> {
     /// Writes an attribute of `vertices` vertices; returns its accessor.
     fn attribute(&mut self, accessor: usize, vertices: usize, attribute: &Attribute) -> usize {
         let view = self.rewrite.push_view(&attribute.bytes, ViewUse::Vertices { stride: attribute.stride });
-        self.accessor(Some(accessor), json!({ "bufferView": view, "count": vertices, "type": attribute.shape }))
+        let accessor =
+            self.accessor(Some(accessor), json!({ "bufferView": view, "count": vertices, "type": attribute.shape }));
+        set_bounds(&mut self.rewrite.list("accessors")[accessor], attribute);
+        accessor
     }
 
     /// Gives an accessor the `properties`. One that describes other data stays, and a copy of it gets them.
@@ -87,6 +92,24 @@ impl Writer<'_> {
                 accessors.len() - 1
             }
         }
+    }
+}
+
+/// Makes the bounds of an accessor of floats, if it has any, those of the decoded data: the compression rounds.
+fn set_bounds(accessor: &mut Value, attribute: &Attribute) {
+    if accessor.get("min").is_none() || accessor["componentType"] != FLOAT {
+        return;
+    }
+    let components = accessor["min"].as_array().map_or(0, Vec::len);
+    let (mut low, mut high) = (vec![f32::INFINITY; components], vec![f32::NEG_INFINITY; components]);
+    for element in attribute.bytes.chunks_exact(attribute.stride) {
+        let numbers = element.as_chunks::<4>().0.iter().map(|bytes| f32::from_le_bytes(*bytes));
+        for ((low, high), x) in low.iter_mut().zip(&mut high).zip(numbers) {
+            (*low, *high) = (low.min(x), high.max(x));
+        }
+    }
+    if low.iter().chain(&high).all(|x| x.is_finite()) {
+        (accessor["min"], accessor["max"]) = (json!(low), json!(high));
     }
 }
 

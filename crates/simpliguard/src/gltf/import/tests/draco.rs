@@ -78,6 +78,19 @@ fn the_document_holds_ordinary_accessors_that_import_again() {
 }
 
 #[test]
+fn bounds_are_those_of_the_decoded_positions() {
+    let mut file = compressed(&draco_grid());
+    let accessor =
+        file.json["meshes"][0]["primitives"][0]["attributes"]["POSITION"].as_u64().expect("an index") as usize;
+    file.json["accessors"][accessor]["min"] = json!([-9.0, -9.0, -9.0]);
+    file.json["accessors"][accessor]["max"] = json!([0.0, 9.0, 9.0]);
+    let model = file.model();
+    let (low, high) = crate::data::bounds(&model.surface.positions);
+    let accessor = &model.document.json["accessors"][accessor];
+    assert_eq!((&accessor["min"], &accessor["max"]), (&json!(low.to_array()), &json!(high.to_array())));
+}
+
+#[test]
 fn declared_component_types_are_met() {
     let mut file = compressed(&draco_grid());
     let at = |file: &Builder, name: &str| {
