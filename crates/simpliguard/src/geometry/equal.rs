@@ -24,6 +24,11 @@ pub(crate) fn first_equal<K: Ord + Hash>(count: usize, key: impl Fn(usize) -> K 
     first
 }
 
+/// The lowest vertex in the place of each vertex.
+pub(crate) fn first_coincident(positions: &[Vec3]) -> Vec<u32> {
+    first_equal(positions.len(), |v| position_bits(positions[v]))
+}
+
 fn hash(key: &impl Hash) -> u64 {
     let mut hasher = DefaultHasher::new();
     key.hash(&mut hasher);

@@ -18,7 +18,7 @@ pub use bounding_sphere::BoundingSphere;
 pub use bvh::{Bvh, Hit};
 pub(crate) use connected_components::DisjointSets;
 pub use connected_components::{face_components, group_by_component, vertex_components};
-pub(crate) use equal::{first_equal, position_bits};
+pub(crate) use equal::{first_coincident, first_equal, position_bits};
 pub(crate) use face_tree::{Box3, FaceTree};
 pub(crate) use half_edges::sorted_half_edges;
 pub use intersection::self_intersecting;

@@ -6,7 +6,7 @@ use super::report::{LevelReport, LevelTopology};
 use super::runner::Runner;
 use super::source::SourceIndex;
 use crate::data::{AlphaMode, LayerMaterial, Level, LevelLayer, LevelMesh, LevelTextures, Model, Surface, TriMesh};
-use crate::geometry::{first_equal, position_bits};
+use crate::geometry::first_coincident;
 use crate::simplify::{self, Importance, Reduced, ReductionInputs};
 use crate::skinning;
 use crate::{Error, Source, StageId};
@@ -145,7 +145,7 @@ fn report(maker: &LevelMaker<'_>, reduced: &Reduced, level: &Level, other: &Leve
 
 /// The triangles of some materials, joined where their corners coincide.
 fn shape(surface: &Surface, shows: impl Fn(u32) -> bool) -> TriMesh {
-    let first = first_equal(surface.positions.len(), |v| position_bits(surface.positions[v]));
+    let first = first_coincident(&surface.positions);
     let triangles = surface.triangles.iter().zip(&surface.material).filter(|(_, material)| shows(**material));
     let triangles = triangles.map(|(triangle, _)| triangle.map(|v| first[v as usize])).collect();
     TriMesh { positions: surface.positions.clone(), triangles }.filtered(|_| true)

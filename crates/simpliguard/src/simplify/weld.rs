@@ -5,7 +5,7 @@ use std::collections::{HashMap, HashSet};
 use glam::Vec3;
 
 use crate::data::{TriMesh, bounds};
-use crate::geometry::{DisjointSets, Topology, first_equal, position_bits, sorted_half_edges};
+use crate::geometry::{DisjointSets, Topology, first_coincident, sorted_half_edges};
 
 /// Distance by which coincident vertices are moved apart, as a fraction of the radius of the bounding sphere.
 pub(super) const COINCIDENT_OFFSET: f32 = 2e-5;
@@ -19,15 +19,13 @@ const ROUNDS: usize = 8;
 /// along edges of two triangles with opposite windings, and at pinched vertices. Returns the mesh, and for each of its
 /// triangles the index in the soup; degenerate triangles are left out.
 pub(super) fn weld(positions: &[Vec3], triangles: &[[u32; 3]]) -> (TriMesh, Vec<u32>) {
-    let (low, high) = bounds(positions);
-    let cell = ((high - low).max_element() * WELD).max(f32::MIN_POSITIVE);
+    let place = places(positions);
     let mut ids: HashMap<[i64; 3], u32> = HashMap::with_capacity(positions.len());
     let mut merged = Vec::new();
     let welded: Vec<u32> = positions
         .iter()
         .map(|&p| {
-            let key = ((p - low) / cell).to_array().map(|c| c.round() as i64);
-            *ids.entry(key).or_insert_with(|| {
+            *ids.entry(place(p)).or_insert_with(|| {
                 merged.push(p);
                 merged.len() as u32 - 1
             })
@@ -43,6 +41,13 @@ pub(super) fn weld(positions: &[Vec3], triangles: &[[u32; 3]]) -> (TriMesh, Vec<
         }
     }
     (cut(&mesh), source)
+}
+
+/// The place of each point among `positions`: those of one place are merged.
+pub(super) fn places(positions: &[Vec3]) -> impl Fn(Vec3) -> [i64; 3] + use<> {
+    let (low, high) = bounds(positions);
+    let cell = ((high - low).max_element() * WELD).max(f32::MIN_POSITIVE);
+    move |p| ((p - low) / cell).to_array().map(|c| c.round() as i64)
 }
 
 /// Cuts a mesh into a manifold with boundary. The order of its triangles stays.
@@ -62,7 +67,7 @@ pub(super) fn cut(mesh: &TriMesh) -> TriMesh {
 /// Moves vertices that share a position by `step` towards their neighbours, if welding them would make the mesh
 /// non-manifold. So tools that weld by position see the mesh that is stored.
 pub(super) fn move_coincident_apart(mesh: &mut TriMesh, step: f32) {
-    let first = first_equal(mesh.positions.len(), |v| position_bits(mesh.positions[v]));
+    let first = first_coincident(&mesh.positions);
     let welded = TriMesh {
         positions: mesh.positions.clone(),
         triangles: mesh.triangles.iter().map(|t| t.map(|v| first[v as usize])).collect(),

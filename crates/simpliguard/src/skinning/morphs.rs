@@ -6,7 +6,7 @@ use rayon::prelude::*;
 use super::skin_source::SkinSource;
 use crate::animation::corner_weights;
 use crate::data::{LevelMorph, MorphTarget, Morphs, Surface, TriMesh};
-use crate::geometry::{Hit, first_equal, position_bits};
+use crate::geometry::{Hit, first_coincident};
 
 /// The source's morph targets on `mesh`, a level in the rest pose. Empty for a source without morph targets.
 pub fn transfer_morphs(source: &SkinSource<'_>, mesh: &TriMesh) -> Vec<LevelMorph> {
@@ -33,7 +33,7 @@ pub fn transfer_morphs(source: &SkinSource<'_>, mesh: &TriMesh) -> Vec<LevelMorp
 pub fn surface_morphs(surface: &Surface) -> Vec<LevelMorph> {
     let Some(Morphs { targets, .. }) = &surface.morphs else { return Vec::new() };
     let count = surface.positions.len();
-    let first = first_equal(count, |v| position_bits(surface.positions[v]));
+    let first = first_coincident(&surface.positions);
     let triangles = surface.triangles.iter().map(|triangle| triangle.map(|v| first[v as usize])).collect();
     let mesh = TriMesh { positions: surface.positions.clone(), triangles };
     let of_target = |target: &MorphTarget| (0..count as u32).map(|v| target.displacement(v)).collect();

@@ -11,7 +11,7 @@ use rayon::prelude::*;
 
 use crate::animation::influences_at;
 use crate::data::{Influences, Model, Surface, TriMesh, bounds};
-use crate::geometry::{Bvh, Hit, face_components, first_equal, group_by_component, position_bits, vertex_components};
+use crate::geometry::{Bvh, Hit, face_components, first_coincident, group_by_component, vertex_components};
 
 /// Largest additional distance of a point on another component, compared with the closest point, as a fraction of the
 /// diagonal of the source's bounding box.
@@ -104,7 +104,7 @@ impl<'a> SkinSource<'a> {
 
 /// The connected component of each triangle; vertices at one position are one.
 fn components(surface: &Surface) -> Vec<u32> {
-    let first = first_equal(surface.positions.len(), |v| position_bits(surface.positions[v]));
+    let first = first_coincident(&surface.positions);
     let welded: Vec<[u32; 3]> = surface.triangles.iter().map(|t| t.map(|v| first[v as usize])).collect();
     face_components(surface.positions.len(), &welded)
 }

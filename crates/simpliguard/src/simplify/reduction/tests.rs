@@ -7,7 +7,7 @@ use proptest::prelude::*;
 use super::*;
 use crate::Cancellation;
 use crate::data::{AlphaMode, Material, Model, Surface, Texture, TextureRef, Wrap};
-use crate::geometry::{Topology, first_equal, position_bits};
+use crate::geometry::{Topology, first_coincident};
 use crate::simplify::CollapseParams;
 
 const PARAMS: CollapseParams = CollapseParams {
@@ -31,7 +31,7 @@ fn reduced(model: &Model, budget: u32) -> Surface {
 
 /// The surface as tools see it that join vertices by position.
 fn welded(surface: &Surface) -> TriMesh {
-    let first = first_equal(surface.positions.len(), |v| position_bits(surface.positions[v]));
+    let first = first_coincident(&surface.positions);
     let triangles = surface.triangles.iter().map(|t| t.map(|v| first[v as usize])).collect();
     TriMesh { positions: surface.positions.clone(), triangles }
 }

@@ -5,11 +5,10 @@ use std::collections::HashMap;
 use glam::{DVec3, Vec3};
 
 use super::attributes::{Scales, Values};
-use crate::data::{self, Influences, Model, Surface, bounds};
+use crate::data::{self, Influences, Model, Surface};
 use crate::geometry::{BoundingSphere, area_vector, face_components};
+use crate::simplify::weld::places;
 
-/// Size of the cells in which positions are merged, as a fraction of the longest side of the bounding box.
-const WELD: f32 = 1e-6;
 /// Least area of a face, doubled, in squared radii: less is no face for most tools.
 pub(super) const LEAST_AREA: f64 = 2e-11;
 /// Least cosine between the normals of a flat triangle and its own.
@@ -203,13 +202,11 @@ fn flat_triangles(surface: &Surface, point_of: &[u32]) -> Vec<bool> {
 
 /// The point of each vertex, and a vertex of each point. Vertices of one place that follow other bones are different points.
 fn weld(positions: &[Vec3], influences: &[Influences]) -> (Vec<u32>, Vec<u32>) {
-    let (low, high) = bounds(positions);
-    let cell = ((high - low).max_element() * WELD).max(f32::MIN_POSITIVE);
+    let place = places(positions);
     let (mut known, mut vertices) = (HashMap::with_capacity(positions.len()), Vec::new());
     let mut point = |(v, p): (u32, &Vec3)| {
-        let place = ((*p - low) / cell).to_array().map(|c| c.round() as i64);
         let bones = influences.get(v as usize).map(|i| (i.joints, i.weights.map(f32::to_bits)));
-        *known.entry((place, bones)).or_insert_with(|| {
+        *known.entry((place(*p), bones)).or_insert_with(|| {
             vertices.push(v);
             vertices.len() as u32 - 1
         })
