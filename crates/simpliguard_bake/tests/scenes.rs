@@ -4,6 +4,7 @@
 
 use std::cell::RefCell;
 use std::collections::{BTreeMap, BTreeSet};
+use std::sync::Mutex;
 
 use bytes::Bytes;
 use serde_json::{Value, json};
@@ -11,7 +12,7 @@ use simpliguard::settings::{
     AtlasSize, BakeOverrides, BakeSettings, Budgets, Candidates, ExistingLods, LevelMaterials, ObjectRule, Quality,
     Scope,
 };
-use simpliguard::{Context, RelativeUri, Report, Resources, Source, Status};
+use simpliguard::{Context, PreviewSink, RelativeUri, Report, Resources, Source, Status};
 use simpliguard_bake::{CachedBake, Host, Notice, Parts};
 use simpliguard_cache::Cache;
 
@@ -125,6 +126,7 @@ impl Host for Recorder {
 
 /// The scene with its levels.
 struct Baked {
+    glb: Vec<u8>,
     document: Value,
     report: Report,
     /// The objects that were baked.
@@ -137,16 +139,21 @@ fn bake(scene: &Scene, cache: &Cache) -> Baked {
 }
 
 fn bake_with(scene: &Scene, cache: &Cache, settings: &BakeSettings) -> Baked {
+    bake_in(scene, cache, settings, &Context::default())
+}
+
+fn bake_in(scene: &Scene, cache: &Cache, settings: &BakeSettings, context: &Context<'_>) -> Baked {
     let (bytes, host) = (scene.gltf(), Recorder::default());
     let source = Source { name: "village.gltf", bytes: &bytes, resources: scene };
     let bake = CachedBake::new(source, settings, Parts::Combined, Some(cache)).expect("a glTF");
-    let outcome = bake.run(&Context::default(), &host).expect("bakes");
+    let outcome = bake.run(context, &host).expect("bakes");
     let glb = outcome.result.combined;
     let length = u32::from_le_bytes(glb[12..16].try_into().expect("four bytes")) as usize;
     let document = serde_json::from_slice(&glb[20..20 + length]).expect("JSON");
     let mut objects = host.objects.into_inner();
     let baked = objects.remove(&false).unwrap_or_default();
-    Baked { document, report: outcome.result.report, baked, found: objects.remove(&true).unwrap_or_default().len() }
+    let found = objects.remove(&true).unwrap_or_default().len();
+    Baked { glb, document, report: outcome.result.report, baked, found }
 }
 
 impl Baked {
@@ -293,6 +300,30 @@ fn one_level_stands_for_the_whole_scene() {
     let again = bake_with(&moved, &cache, &with_whole);
     assert_eq!((again.baked.len(), again.found), (0, plain.baked.len()));
     assert_ne!(stamps(&again)[1]["error"], small["error"]);
+}
+
+/// What was shown.
+#[derive(Default)]
+struct Previews(Mutex<Vec<Vec<u8>>>);
+
+impl PreviewSink for Previews {
+    fn show(&self, glb: Vec<u8>) {
+        self.0.lock().expect("not poisoned").push(glb);
+    }
+}
+
+#[test]
+fn levels_of_objects_are_shown_before_the_one_of_the_whole_is_made() {
+    let (dir, previews) = (tempfile::tempdir().expect("tempdir"), Previews::default());
+    let cache = Cache::new(dir.path());
+    let shared_atlas = AtlasSize::Texels(256);
+    let plain = BakeSettings { shared_atlas, materials: LevelMaterials::Baked, ..settings() };
+    let with_whole = BakeSettings { whole: Budgets(vec![80]), ..plain.clone() };
+    let context = Context { preview: Some(&previews), ..Context::default() };
+    let baked = bake_in(&village(), &cache, &with_whole, &context);
+    let shown = previews.0.into_inner().expect("not poisoned");
+    assert!(shown == [bake_with(&village(), &cache, &plain).glb], "{} previews", shown.len());
+    assert!(baked.glb == bake_with(&village(), &cache, &with_whole).glb, "a preview changed the result");
 }
 
 #[test]

@@ -300,13 +300,16 @@ fn report_models(
     for event in events.read() {
         let AssetEvent::LoadedWithDependencies { id } = event else { continue };
         let (Some(gltf), Some(path)) = (assets.get(*id), path_of(*id)) else { continue };
-        let levels = gltf.named_nodes.keys().filter(|name| name.starts_with("LOD") && !name.contains(' ')).count();
+        let count = |is_counted: &dyn Fn(&str) -> bool| gltf.named_nodes.keys().filter(|name| is_counted(name)).count();
+        let levels = count(&|name| name.starts_with("LOD") && !name.contains(' '));
+        let of_all = count(&|name| name.starts_with("Whole LOD"));
+        let of_objects = count(&|name| name.contains(" LOD")) - of_all;
         let sizes = gltf.meshes.iter().filter_map(|mesh| gltf_meshes.get(mesh)).flat_map(|mesh| &mesh.primitives);
         let boxes = sizes.filter_map(|part| meshes.get(&part.mesh)?.compute_aabb());
         let size = boxes.map(|aabb| aabb.half_extents.length()).fold(0.0, f32::max);
-        let of_objects = gltf.named_nodes.keys().filter(|name| name.contains(" LOD")).count();
         let loaded = json!({
-            "what": "loaded", "path": path, "levels": levels, "levels of objects": of_objects, "size": size,
+            "what": "loaded", "path": path, "levels": levels, "levels of objects": of_objects, "levels of all": of_all,
+            "size": size,
         });
         say(&clock, loaded);
     }

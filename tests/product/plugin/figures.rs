@@ -82,10 +82,11 @@ fn figures_saved_texture() {
 const OBJECTS: &str = "(defaults: (scope: Objects, faces: [100, 200], whole: [1000], quality: Draft, candidates: Source, \
                        views: 8, view_size: 128, texture_size: 64, normal_map: false))";
 
-/// Waits until the village is there, with levels or without. Returns when.
-fn wait_for_village(game: &mut Game, has_levels: bool) -> Instant {
-    game.wait(if has_levels { "levels" } else { "the village" }, |r| {
-        r["what"] == "loaded" && (r["levels of objects"].as_u64() > Some(0)) == has_levels
+/// Waits until the village is there with levels of its objects, and with one for all of them or without. Returns when.
+fn wait_for_village(game: &mut Game, has_whole: bool) -> Instant {
+    game.wait(if has_whole { "a level for all objects" } else { "levels of objects" }, |r| {
+        let has = |levels: &str| r[levels].as_u64() > Some(0);
+        r["what"] == "loaded" && has("levels of objects") && has("levels of all") == has_whole
     });
     game.wait("an instance", |r| r["what"] == "instance");
     Instant::now()
@@ -98,24 +99,20 @@ fn figures_saved_scene() {
     project.save("config/simpliguard.ron", OBJECTS);
     let glb = village::write(&project.path("assets"));
     std::fs::remove_file(project.path("assets").join(format!("{}.meta", village::FILE))).expect("was written");
-    let started = Instant::now();
     let mut game = project.run();
-    wait_for_village(&mut game, false);
-    let first = wait_for_village(&mut game, true) - started;
-    println!("a scene of 300 objects and 20 meshes: levels {:.1} s after the start of the game", first.as_secs_f64());
+    let mut print_times = |what: &str, begin: Instant| {
+        let [of_objects, of_all] =
+            [false, true].map(|has_whole| (wait_for_village(&mut game, has_whole) - begin).as_secs_f64());
+        println!("{what}: levels of objects after {of_objects:.2} s, one for all of them after {of_all:.2} s");
+        game.listen(Duration::from_secs(3));
+    };
+    print_times("a scene of 300 objects and 20 meshes", Instant::now());
     let changes =
         [("a moved object", village::with_moved_object(&glb)), ("a changed mesh", village::with_changed_mesh(&glb))];
     for (what, glb) in changes {
-        game.listen(Duration::from_secs(3));
         let saved = Instant::now();
         project.save(&format!("assets/{}", village::FILE), glb);
-        let shown = wait_for_village(&mut game, false) - saved;
-        let leveled = wait_for_village(&mut game, true) - saved;
-        println!(
-            "{what}: on screen after {:.2} s, with levels after {:.2} s",
-            shown.as_secs_f64(),
-            leveled.as_secs_f64()
-        );
+        print_times(what, saved);
     }
     game.quit();
 }

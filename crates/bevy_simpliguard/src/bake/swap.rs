@@ -16,8 +16,10 @@ use super::activity::ProcessorActivity;
 use super::queue::{InFlight, Queue};
 use super::request::BakeRequest;
 
-/// Number of tries to swap a file that the processor is writing, and the time between them.
+/// Number of tries to swap in a result while the processor is writing the file, and the time between them.
 const TRIES: u32 = 200;
+/// Number of tries to swap in a preview. The bake waits meanwhile.
+const PREVIEW_TRIES: u32 = 20;
 const PAUSE: Duration = Duration::from_millis(50);
 
 /// The outcome of a delivery.
@@ -53,28 +55,22 @@ impl Place {
         settle: impl Fn(&InFlight),
     ) -> io::Result<Delivery> {
         let hash = blake3::hash(glb);
-        for _ in 0..TRIES {
-            let record = || {
-                queue.swapped(&in_flight.job.request, hash, true);
-                settle(in_flight);
-            };
-            match self.swap(queue, &in_flight.job.request, (glb, hash), record)? {
-                Some(Delivery::Superseded) => return Ok(Delivery::Superseded),
-                Some(delivery) => {
-                    in_flight.is_delivered = true;
-                    return Ok(delivery);
-                }
-                None => thread::sleep(PAUSE),
-            }
-        }
-        Err(io::Error::other("another program has written the processed file"))
+        let record = || {
+            queue.swapped(&in_flight.job.request, hash, true);
+            settle(in_flight);
+        };
+        let swap = || self.swap(queue, &in_flight.job.request, (glb, hash), record);
+        let delivery = tried(TRIES, swap)?;
+        let delivery = delivery.ok_or_else(|| io::Error::other("another program has written the processed file"))?;
+        in_flight.is_delivered |= delivery != Delivery::Superseded;
+        Ok(delivery)
     }
 
     /// Swaps in a preview, until the result is there. Returns whether it was swapped in.
     pub(super) fn show(&self, queue: &Queue, request: &BakeRequest, glb: &[u8]) -> io::Result<bool> {
         let hash = blake3::hash(glb);
         let record = || queue.swapped(request, hash, false);
-        Ok(self.swap(queue, request, (glb, hash), record)? == Some(Delivery::Done))
+        Ok(tried(PREVIEW_TRIES, || self.swap(queue, request, (glb, hash), record))? == Some(Delivery::Done))
     }
 
     /// Swaps the file if it holds the expected bytes, and calls `record`. `None` if it holds other bytes, or while the
@@ -104,6 +100,17 @@ impl Place {
         record();
         Ok(Some(delivery))
     }
+}
+
+/// The outcome of a swap that is tried so many times, until there is one.
+fn tried(tries: u32, mut swap: impl FnMut() -> io::Result<Option<Delivery>>) -> io::Result<Option<Delivery>> {
+    for _ in 1..tries {
+        if let Some(delivery) = swap()? {
+            return Ok(Some(delivery));
+        }
+        thread::sleep(PAUSE);
+    }
+    swap()
 }
 
 #[cfg(test)]

@@ -34,7 +34,7 @@ pub trait StageStore: Sync {
 /// Takes levels that can be shown while better ones are made; called from a worker thread.
 pub trait PreviewSink: Sync {
     /// Takes one binary glTF: the source, and behind it the levels with their initial texture. Their vertices are those of
-    /// an earlier bake with another texture, if the store holds them.
+    /// an earlier bake with another texture, if the store holds them. Of a scene, the levels of its objects.
     fn show(&self, glb: Vec<u8>);
 }
 
@@ -48,7 +48,8 @@ pub struct Context<'a> {
     /// Asked before the costly stages. Changes no byte of the result.
     pub stages: Option<&'a dyn StageStore>,
     /// Shown the levels where they are ready long before the result: the store holds their shapes but not their refined
-    /// vertices, as after a change of a texture. Changes no byte of the result.
+    /// vertices, as after a change of a texture; or the objects of a scene have theirs, and those that stand for all of them
+    /// are missing. Changes no byte of the result.
     pub preview: Option<&'a dyn PreviewSink>,
     /// Memory in bytes that the bake may take, estimated before it is allocated; `None` for that of
     /// [`ImportLimits`](crate::gltf::ImportLimits). Changes no byte of the result: a model that would take more is refused.

@@ -144,11 +144,19 @@ impl SceneBake {
                 return Ok(Some(ObjectSource { name, settings, part: Part::Kind(kind, glb) }));
             }
         }
-        Ok(self.whole_settings.take().map(|settings| ObjectSource {
-            name: self.asset.clone(),
-            settings,
-            part: Part::Whole,
-        }))
+        let Some(settings) = self.whole_settings.take() else { return Ok(None) };
+        self.show(context)?;
+        Ok(Some(ObjectSource { name: self.asset.clone(), settings, part: Part::Whole }))
+    }
+
+    /// Shows the levels of all objects. Those that stand for all of them take much longer where the cache has the others.
+    fn show(&self, context: &Context<'_>) -> Result<(), Error> {
+        let has_levels = self.reports.iter().flatten().any(ObjectReport::has_levels);
+        let Some(sink) = context.preview.filter(|_| has_levels) else { return Ok(()) };
+        let mut scene = self.scene.clone();
+        scene.write_shared_textures(&context.cancellation)?;
+        sink.show(scene.finish(self.settings.source.is_kept(), PIPELINE_VERSION)?);
+        Ok(())
     }
 
     /// Uses the levels that a kind of objects came with, as far as they fit. Returns the triangles of the smallest.

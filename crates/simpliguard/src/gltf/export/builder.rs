@@ -67,6 +67,7 @@ impl Kind {
 }
 
 /// JSON and binary chunk of a glTF with all data in buffer 0.
+#[derive(Clone)]
 pub(in crate::gltf) struct Builder {
     /// Name of the asset, for messages.
     pub(in crate::gltf) asset: String,

@@ -19,13 +19,14 @@ use crate::gltf::export::hierarchy::TRANSFORM;
 const SCREEN: [f64; 2] = [1920.0, 1080.0];
 
 /// The levels of all instances of an object.
-#[derive(Default)]
+#[derive(Clone, Default)]
 pub(super) struct Levels {
     /// In falling detail.
     levels: Vec<Level>,
 }
 
 /// A level whose mesh is in the scene's document.
+#[derive(Clone)]
 struct Level {
     mesh: usize,
     skin: Option<Skin>,
@@ -48,6 +49,7 @@ struct Stamp {
 }
 
 /// The skin of a level.
+#[derive(Clone)]
 struct Skin {
     /// Joints by their numbers in the object.
     joints: Vec<usize>,

@@ -19,6 +19,7 @@ use crate::gltf::import::{ImportLimits, read_document};
 use crate::{Cancellation, Error, Source};
 
 /// A scene file that is divided into objects.
+#[derive(Clone)]
 pub(crate) struct ObjectScene {
     out: Builder,
     /// The nodes of the levels that the file came with, and those that `MSFT_lod` listed.
@@ -39,6 +40,7 @@ pub(crate) struct ObjectScene {
 }
 
 /// Equal objects.
+#[derive(Clone)]
 pub(crate) struct ObjectKind {
     /// The name of the first instance, for messages.
     pub(crate) name: String,

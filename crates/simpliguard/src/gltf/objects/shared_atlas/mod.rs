@@ -21,6 +21,7 @@ use crate::gltf::export::textures::{EncodedTextures, push_sampler};
 use crate::{Cancellation, Error};
 
 /// The textures that levels will share.
+#[derive(Clone)]
 pub(super) struct SharedAtlas {
     /// Largest side in texels, a power of two.
     side: u32,
@@ -30,6 +31,7 @@ pub(super) struct SharedAtlas {
 }
 
 /// A primitive of the scene that shows a tile.
+#[derive(Clone)]
 struct Part {
     mesh: usize,
     primitive: usize,
