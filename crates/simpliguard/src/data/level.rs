@@ -22,7 +22,7 @@ pub struct Level {
     pub own_joints: bool,
     /// Its surfaces: the solid one first, clear ones behind it. At least one.
     pub layers: Vec<LevelLayer>,
-    /// Its one texture set; empty if it keeps the source's materials.
+    /// The one texture set of the layers that do not keep materials of the source; empty if there are none.
     pub textures: LevelTextures,
 }
 
@@ -36,7 +36,7 @@ pub struct LevelLayer {
 }
 
 impl Level {
-    /// True if its layers have materials of the source.
+    /// True if it has layers with materials of the source.
     pub fn keeps_materials(&self) -> bool {
         self.layers.iter().any(|layer| layer.material.baked().is_none())
     }
@@ -44,33 +44,32 @@ impl Level {
     /// The level of a source as a source model, so that it can be drawn and measured in the same way. Rest pose, without
     /// bones.
     pub fn to_model(&self, source: &Model) -> Model {
-        let mesh = &self.mesh;
-        if self.keeps_materials() {
-            let of_layer = |layer: &LevelLayer| match layer.material {
-                LayerMaterial::Source(material) => std::iter::repeat_n(material, layer.triangles),
-                LayerMaterial::Baked(_) => std::iter::repeat_n(0, layer.triangles),
-            };
-            let surface = Surface {
-                colors: mesh.colors.clone(),
-                uvs: [mesh.uvs.clone(), mesh.second_uvs.clone()],
-                material: self.layers.iter().flat_map(of_layer).collect(),
-                ..self.surface()
-            };
-            let (materials, textures) = (source.materials.clone(), source.textures.clone());
-            return Model { surface, materials, textures, ..Model::empty(&source.name) };
-        }
-        let (materials, textures) = self.to_materials();
-        let emitting = |material: Material| Material {
+        let (mut materials, mut textures) = match self.keeps_materials() {
+            true => (source.materials.clone(), source.textures.clone()),
+            false => (Vec::new(), Vec::new()),
+        };
+        let emitting = |material: &Material| Material {
             base_color: Vec4::W,
             emissive: Vec3::ONE,
             emissive_texture: material.base_color_texture,
-            ..material
+            ..material.clone()
         };
-        // Each layer's material, followed by that of its triangles that only emit light.
-        let materials: Vec<Material> = materials.into_iter().flat_map(|m| [m.clone(), emitting(m)]).collect();
-        let layers = self.layers.iter().zip(0..).flat_map(|(layer, i)| std::iter::repeat_n(2 * i, layer.triangles));
-        let material = |(layer, &t): (u32, &[u32; 3])| layer + u32::from(self.triangle_only_emits(t));
-        let surface = Surface { material: layers.zip(&mesh.triangles).map(material).collect(), ..self.surface() };
+        let mut triangle_materials = Vec::with_capacity(self.mesh.triangles.len());
+        let bound = self.bind_textures(&mut textures);
+        for (range, material) in self.layer_ranges() {
+            match material {
+                LayerMaterial::Source(material) => triangle_materials.extend(range.map(|_| *material)),
+                LayerMaterial::Baked(material) => {
+                    // Followed by that of the triangles that only emit light.
+                    let own = textured(material, &bound);
+                    let index = materials.len() as u32;
+                    let index = |t: &[u32; 3]| index + u32::from(self.triangle_only_emits(*t));
+                    triangle_materials.extend(self.mesh.triangles[range].iter().map(index));
+                    materials.extend([own.clone(), emitting(&own)]);
+                }
+            }
+        }
+        let surface = Surface { material: triangle_materials, ..self.surface() };
         Model { surface, materials, textures, ..Model::empty(&source.name) }
     }
 
@@ -81,7 +80,8 @@ impl Level {
             positions: mesh.positions.clone(),
             normals: mesh.normals.clone(),
             tangents: mesh.tangents.clone(),
-            uvs: [mesh.uvs.clone(), Vec::new()],
+            uvs: [mesh.uvs.clone(), mesh.second_uvs.clone()],
+            colors: mesh.colors.clone(),
             triangles: mesh.triangles.clone(),
             ..Surface::default()
         }
@@ -110,21 +110,20 @@ impl Level {
             let layers = self.layers.len();
             return Err(format!("the level has {faces} triangles, and {in_layers} in its {layers} layers"));
         }
-        let kept = self.layers.iter().filter(|layer| layer.material.baked().is_none()).count();
-        if kept > 0 && (kept < self.layers.len() || !self.textures.is_empty()) {
-            return Err(format!("{kept} of {} layers keep the source's materials, beside others", self.layers.len()));
+        if !self.textures.is_empty() && self.baked_materials().next().is_none() {
+            return Err("the level has textures of its own, and all of its layers keep the source's materials".into());
         }
-        if kept == 0 {
-            self.mesh.validate_atlas()?;
+        let is_baked = |(_, material): &(_, &LayerMaterial)| material.baked().is_some();
+        for (range, _) in self.layer_ranges().filter(is_baked) {
+            self.mesh.validate_atlas(&self.mesh.triangles[range])?;
         }
         self.textures.validate()?;
         self.mesh.validate()
     }
 
-    /// The material of each layer's faces that reflect light, and the textures of all faces.
-    fn to_materials(&self) -> (Vec<Material>, Vec<Texture>) {
+    /// Appends the textures of the layers that are baked. Returns a material that shows them.
+    fn bind_textures(&self, textures: &mut Vec<Texture>) -> Material {
         let wrap = [Wrap::Clamp; 2];
-        let mut textures = Vec::new();
         let mut bind = |image: Option<RgbaImage>, srgb: bool| {
             let texture = Texture::new(&image?, wrap, srgb);
             textures.push(texture);
@@ -132,26 +131,14 @@ impl Level {
         };
         let rgba = |image: &Option<RgbImage>| image.clone().map(|i| DynamicImage::ImageRgb8(i).to_rgba8());
         let rough_metal = bind(rgba(&self.textures.occlusion_roughness_metallic), false);
-        let bound = Material {
+        Material {
             base_color_texture: bind(self.seen_colors(), true),
             normal_texture: bind(rgba(&self.textures.normal), false),
             emissive_texture: bind(rgba(&self.textures.emissive), true),
             metallic_roughness_texture: rough_metal,
             occlusion_texture: rough_metal,
             ..Material::default()
-        };
-        let of_layer = |material: &LevelMaterial| Material {
-            base_color: material.base_color,
-            metallic: if rough_metal.is_some() { 1.0 } else { material.metallic },
-            roughness: if rough_metal.is_some() { 1.0 } else { material.roughness },
-            emissive: material.emissive,
-            alpha_mode: material.alpha_mode,
-            double_sided: material.double_sided,
-            unlit: material.unlit,
-            transmission: material.transmission,
-            ..bound.clone()
-        };
-        (self.baked_materials().map(of_layer).collect(), textures)
+        }
     }
 
     fn baked_materials(&self) -> impl Iterator<Item = &LevelMaterial> {
@@ -183,6 +170,22 @@ impl Level {
         let texel = |c: f32, size: u32| ((c * size as f32) as u32).min(size.saturating_sub(1));
         let middle = (a + b + c) / 3.0;
         width > 0 && height > 0 && self.only_emits(texel(middle.x, width), texel(middle.y, height))
+    }
+}
+
+/// A layer's material with the textures that `bound` shows.
+fn textured(material: &LevelMaterial, bound: &Material) -> Material {
+    let has_rough_metal = bound.metallic_roughness_texture.is_some();
+    Material {
+        base_color: material.base_color,
+        metallic: if has_rough_metal { 1.0 } else { material.metallic },
+        roughness: if has_rough_metal { 1.0 } else { material.roughness },
+        emissive: material.emissive,
+        alpha_mode: material.alpha_mode,
+        double_sided: material.double_sided,
+        unlit: material.unlit,
+        transmission: material.transmission,
+        ..bound.clone()
     }
 }
 
@@ -244,8 +247,32 @@ mod tests {
         assert!(message(&|level| level.budget = 0).contains("1 triangles, over its budget of 0"));
         assert!(message(&|level| level.layers[0].triangles = 2).contains("1 triangles, and 2 in its 1 layers"));
         assert!(message(&|level| level.mesh.uvs[0].x = -1.0).contains("outside of [0, 1]"));
-        assert!(message(&|level| level.layers[0].material = LayerMaterial::Source(0)).contains("beside others"));
+        assert!(message(&|level| level.layers[0].material = LayerMaterial::Source(0)).contains("textures of its own"));
         assert!(message(&|level| level.mesh.normals[0] = Vec3::X * 2.0).contains("normal of vertex 0"));
         assert!(message(&|level| level.textures.normal = Some(RgbImage::new(2, 2))).contains("normal map"));
+    }
+
+    #[test]
+    fn layers_of_both_kinds_stand_side_by_side() {
+        let mut level = level();
+        level.budget = 2;
+        level.layers.insert(0, LevelLayer { triangles: 1, material: LayerMaterial::Source(1) });
+        level.mesh.positions.extend([Vec3::Z; 3]);
+        level.mesh.normals.extend([Vec3::Z; 3]);
+        level.mesh.uvs.splice(0..0, [Vec2::splat(-7.0); 3]);
+        level.mesh.triangles.push([3, 4, 5]);
+        assert_eq!(level.validate(), Ok(()), "textures of the source repeat");
+        let image = RgbaImage::from_pixel(1, 1, Rgba([9; 4]));
+        let texture = Texture::new(&image, [Wrap::Repeat; 2], true);
+        let red = Material { base_color: Vec4::new(1.0, 0.0, 0.0, 1.0), ..Material::default() };
+        let source =
+            Model { materials: vec![Material::default(), red], textures: vec![texture], ..Model::empty("source") };
+        let model = level.to_model(&source);
+        assert_eq!(model.surface.material, [1, 2]);
+        assert_eq!(model.materials[1].base_color, Vec4::new(1.0, 0.0, 0.0, 1.0));
+        assert_eq!(model.materials[2].base_color_texture.map(|texture| texture.texture), Some(1));
+        assert_eq!(model.textures.len(), 2);
+        level.mesh.triangles.swap(0, 1);
+        assert!(level.validate().expect_err("broken").contains("outside of [0, 1]"));
     }
 }

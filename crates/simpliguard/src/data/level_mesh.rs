@@ -63,13 +63,15 @@ impl LevelMesh {
         Ok(())
     }
 
-    /// Checks that the texture coordinates lie in `[0, 1]`, as those of an atlas do.
+    /// Checks that the texture coordinates of triangles lie in `[0, 1]`, as those of an atlas do.
     ///
     /// # Errors
     /// The vertex and its texture coordinate.
-    pub fn validate_atlas(&self) -> Result<(), String> {
-        match self.uvs.iter().position(|uv| !in_unit_square(*uv)) {
-            Some(v) => Err(format!("vertex {v} has the texture coordinate {} outside of [0, 1]", self.uvs[v])),
+    pub fn validate_atlas(&self, triangles: &[[u32; 3]]) -> Result<(), String> {
+        let corner = |v: u32| self.uvs.get(v as usize).map(|uv| (v, *uv));
+        let mut corners = triangles.as_flattened().iter().filter_map(|v| corner(*v));
+        match corners.find(|(_, uv)| !in_unit_square(*uv)) {
+            Some((v, uv)) => Err(format!("vertex {v} has the texture coordinate {uv} outside of [0, 1]")),
             None => Ok(()),
         }
     }
@@ -135,7 +137,7 @@ mod tests {
             morphs: Vec::new(),
             ..full()
         };
-        assert_eq!((bare.validate(), bare.validate_atlas()), (Ok(()), Ok(())));
+        assert_eq!((bare.validate(), bare.validate_atlas(&bare.triangles)), (Ok(()), Ok(())));
     }
 
     #[test]
@@ -161,6 +163,6 @@ mod tests {
         assert!(message(&|mesh| mesh.influences[1].weights[0] = 0.9).contains("vertex 1: weights"));
         let mut outside = full();
         outside.uvs[2].y = 1.5;
-        assert!(outside.validate_atlas().expect_err("broken").contains("outside of [0, 1]"));
+        assert!(outside.validate_atlas(&outside.triangles).expect_err("broken").contains("outside of [0, 1]"));
     }
 }

@@ -18,6 +18,10 @@ use crate::data::Level;
 use crate::settings::Target;
 use crate::{Error, Key};
 
+/// Triangles of a source for each face of a level that may be a reduction, at most: of more, collapses that keep attributes lose
+/// to those of the shape alone.
+const MOST_TRIANGLES_PER_FACE: usize = 64;
+
 /// Everything that levels are made from.
 pub(super) struct LevelMaker<'a> {
     pub(super) source: &'a PreparedSource<'a>,
@@ -46,6 +50,14 @@ impl LevelMaker<'_> {
     /// Triangles of the source.
     pub(super) fn source_faces(&self) -> usize {
         self.source.index.whole.surface.triangles.len()
+    }
+
+    /// A level of a budget may be a reduction of the source: the budget is a good part of it, and its materials use no other
+    /// texture coordinates than the surface has.
+    pub(super) fn may_reduce(&self, budget: u32) -> bool {
+        let is_near = self.source_faces() <= MOST_TRIANGLES_PER_FACE.saturating_mul(budget as usize);
+        let materials = &self.source.index.whole.materials;
+        self.params.keep_materials && is_near && materials.iter().all(|material| material.uv_sets == [0, 1])
     }
 
     /// Makes a level for each of the targets.

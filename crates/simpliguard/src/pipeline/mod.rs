@@ -21,6 +21,7 @@ mod overlap;
 mod own_levels;
 pub(crate) mod params;
 mod preview;
+mod reduced_level;
 mod reduction;
 pub(crate) mod report;
 mod runner;
@@ -104,8 +105,8 @@ fn bake_whole(source: &Source<'_>, settings: &BakeSettings, context: &Context<'_
         run: &run,
     };
     let mut made = maker.make(&targets)?;
-    lattices::replace(source, &mut maker, &mut made)?;
-    reduction::replace(source, &maker, &mut made)?;
+    let cards = lattices::replace(source, &mut maker, &mut made)?;
+    reduction::replace(source, &maker, cards.as_ref(), &mut made)?;
     gate::raise(&params.gate, &mut maker, &mut made)?;
     gate::check(&params.gate, source.name, &made)?;
     let Made { levels, reports, mut notes } = made;

@@ -360,6 +360,10 @@ mod tests {
         assert_eq!(o.faces, Some(vec![500, 100]));
         assert_eq!(o.visible_weight, Some(0.5));
         assert_eq!(o.texture_format, Some(TextureFormat::Jpeg(85)));
+        for value in ["raise-budget", "RaiseBudget"] {
+            o.set("on_miss", value).expect("a choice");
+            assert_eq!(o.on_miss.take(), Some(OnMiss::RaiseBudget));
+        }
         o.set("resolution", "auto").expect("auto");
         assert_eq!(o.resolution, Some(Resolution::Auto));
     }

@@ -188,8 +188,10 @@ macro_rules! choice {
 
             fn from_arg(text: &str) -> Result<Self, String> {
                 use $crate::settings::value::{kebab, one_of};
+                let text = text.trim();
                 $(
-                    if text.trim() == kebab(stringify!($variant)) {
+                    // As in RON, or as is usual on a command line.
+                    if text == stringify!($variant) || text == kebab(stringify!($variant)) {
                         return Ok(Self::$variant);
                     }
                 )+

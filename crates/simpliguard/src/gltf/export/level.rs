@@ -105,6 +105,7 @@ impl EncodedLayer {
     fn new(model: &Model, mut vertices: Vertices, triangles: Vec<[u32; 3]>, material: &LayerMaterial) -> Self {
         let material = match material {
             LayerMaterial::Baked(material) => {
+                vertices.drop_kept();
                 vertices.complete_tangents();
                 EncodedMaterial::Own(material.clone())
             }

@@ -83,6 +83,15 @@ impl Vertices {
         }
     }
 
+    /// Leaves out what only other layers use: attributes of the source's materials.
+    pub(super) fn drop_kept(&mut self) {
+        self.colors.clear();
+        self.second_uvs.clear();
+        if self.tangents.iter().all(|tangent| tangent.truncate() == Vec3::ZERO) {
+            self.tangents.clear();
+        }
+    }
+
     /// Leaves out what says nothing: attributes that the source's primitive did not have, or its material does not use.
     pub(super) fn drop_defaults(&mut self, material: &Material) {
         if material.normal_texture.is_none() || self.tangents.iter().any(|t| t.truncate() == Vec3::ZERO) {

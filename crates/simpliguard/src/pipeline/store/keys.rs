@@ -320,7 +320,7 @@ mod tests {
         ];
         assert_eq!(
             (PIPELINE_VERSION, keys.map(|key| key.hex()[..16].to_owned())),
-            ("20", ["140a8dc3c6a53381", "fd75cf2840fd0668"].map(str::to_owned))
+            ("21", ["ca7486c0a195cd12", "38aac8f56394a820"].map(str::to_owned))
         );
     }
 }

@@ -129,3 +129,22 @@ fn a_level_may_keep_the_materials_of_its_source() {
     let message = export_level(&model, &level).expect_err("broken").to_string();
     assert!(message.contains("keeps material 2 of 2"), "{message}");
 }
+
+#[test]
+fn a_level_may_have_materials_of_both_kinds() {
+    let model = Model { materials: vec![Material { index: Some(0), ..Material::default() }], ..triangle() };
+    let mut level = level(1000, false);
+    let own = level.layers[0].clone();
+    level.mesh.triangles.push([2, 1, 0]);
+    level.mesh.colors = vec![Vec4::new(1.0, 0.5, 0.0, 1.0); 3];
+    level.mesh.second_uvs = vec![Vec2::ONE; 3];
+    level.layers = vec![LevelLayer { triangles: 1, material: LayerMaterial::Source(0) }, own];
+    let glb = export(&model, &[level], &ExportParams { keep_source: true }).expect("exports");
+    let read = Read::new("both", &glb);
+    let primitives = read.json["meshes"][1]["primitives"].as_array().expect("primitives");
+    assert_eq!((&primitives[0]["material"], &primitives[1]["material"]), (&json!(0), &json!(1)));
+    for attribute in ["TEXCOORD_1", "COLOR_0"] {
+        let has = |primitive: &Value| primitive["attributes"].get(attribute).is_some();
+        assert_eq!((has(&primitives[0]), has(&primitives[1])), (true, false), "{attribute}");
+    }
+}
