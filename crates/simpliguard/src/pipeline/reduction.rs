@@ -16,6 +16,8 @@ const DECIBELS_PER_DRAW_CALL: f32 = 0.1;
 
 /// Decibels by which it must look more like the source, for each that it loses in its worst view.
 const WORST_VIEW: f32 = 3.0;
+/// Decibels of a view in which nothing is missing.
+const SOUND_VIEW: f32 = 30.0;
 
 /// A level that may keep the source's materials.
 #[derive(Clone, Copy)]
@@ -83,7 +85,7 @@ fn keep_better(maker: &LevelMaker<'_>, attempt: Attempt<'_>, reduced: &Reduced, 
     let report = LevelReport { likeness: Some(likeness), ..report };
     let gain = report.mean_psnr() - there_report.mean_psnr();
     // Walls that are exact in most views must not hide bars that are missing in one.
-    let loss = (there_report.worst_psnr() - report.worst_psnr()).max(0.0);
+    let loss = (there_report.worst_psnr().min(SOUND_VIEW) - report.worst_psnr()).max(0.0);
     tracing::debug!(budget = report.budget, gain, draw_calls, cards = report.lattices, "reduction");
     if gain > DECIBELS_PER_DRAW_CALL * draw_calls as f32 + WORST_VIEW * loss {
         let warning = maker.params.gate.warning(&report);
