@@ -69,7 +69,8 @@ fn draw(model: &Model, eye: Vec3) -> Vec<u8> {
     let projection = Mat4::perspective_rh_gl(FRAC_PI_4, 1.0, 0.1, 100.0);
     let camera = Camera { view_projection: projection * view, eye: eye - PLACE };
     let sampler = SurfaceSampler::new(model);
-    Renderer::new(&sampler, SIDE as usize, 2).draw(&camera, Light::None).over(1.0).pixels().flat_map(|p| p.0).collect()
+    let [image] = Renderer::new(&sampler, SIDE as usize, 2).draw(&camera, [Light::None]);
+    image.over(1.0).pixels().flat_map(|p| p.0).collect()
 }
 
 /// Peak signal-to-noise ratio of two pictures, over the pixels that are not white in both.

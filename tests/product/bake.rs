@@ -87,7 +87,7 @@ fn levels_look_like_the_source() {
     let draw = |model: &simpliguard::data::Model| -> Vec<Image> {
         let sampler = SurfaceSampler::new(model);
         let mut renderer = Renderer::new(&sampler, 256, 2);
-        cameras.iter().map(|camera| renderer.draw(camera, Light::None)).collect()
+        cameras.iter().flat_map(|camera| renderer.draw(camera, [Light::None])).collect()
     };
     let expected = draw(source);
     for (level, least) in OCTOPUS.levels.iter().zip([27.0, 32.0]) {

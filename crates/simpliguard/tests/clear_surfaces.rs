@@ -91,7 +91,8 @@ fn error(source: &Model, level: &Level) -> f32 {
     let frame = BoundingSphere::around(&source.surface.positions);
     let draw = |model: &Model, direction: Vec3| -> Image {
         let sampler = SurfaceSampler::new(model);
-        Renderer::new(&sampler, 128, 2).draw(&Camera::orbit(&frame, direction, 0.7, 1.0), Light::None)
+        let [image] = Renderer::new(&sampler, 128, 2).draw(&Camera::orbit(&frame, direction, 0.7, 1.0), [Light::None]);
+        image
     };
     let of_view = |direction: &Vec3| {
         let (a, b) = (draw(source, *direction), draw(&model, *direction));

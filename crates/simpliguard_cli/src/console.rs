@@ -9,6 +9,8 @@ use simpliguard::{Printable, Progress, ProgressSink, StageId};
 
 /// Number of steps of a full bar.
 const BAR_STEPS: u64 = 1000;
+/// Fraction of a bake after which a line follows though its stage has had one.
+const FRACTION_PER_LINE: f32 = 0.1;
 
 /// Prints one or more lines. A closed stderr is no reason to stop.
 pub(crate) fn line(text: &str) {
@@ -28,12 +30,33 @@ pub(crate) fn printable_lines(text: &str) -> String {
     text.split('\n').map(|line| Printable(line).to_string()).collect::<Vec<_>>().join("\n")
 }
 
-/// Progress of one model: a bar on a terminal, otherwise a line for each stage.
+/// Progress of one model: a bar on a terminal, otherwise lines: one for each stage, and one for each further tenth.
 pub(crate) struct AssetProgress {
     label: String,
     bar: Option<ProgressBar>,
-    /// The last stage with a line.
-    announced: Mutex<Option<StageId>>,
+    announced: Mutex<Announced>,
+}
+
+/// What the lines of a model have said.
+#[derive(Default)]
+struct Announced {
+    /// The latest stage with a line.
+    stage: Option<StageId>,
+    /// Fraction of the bake at the last line.
+    fraction: f32,
+}
+
+impl Announced {
+    /// True if this progress is worth a line. Levels run in parallel and objects one after the other, so a stage may be
+    /// reported again; a scene of many objects still shows that it moves on.
+    fn is_news(&mut self, stage: StageId, fraction: f32) -> bool {
+        let is_new_stage = self.stage.is_none_or(|latest| stage > latest);
+        if !is_new_stage && fraction < self.fraction + FRACTION_PER_LINE {
+            return false;
+        }
+        *self = Self { stage: self.stage.max(Some(stage)), fraction };
+        true
+    }
 }
 
 impl AssetProgress {
@@ -45,7 +68,7 @@ impl AssetProgress {
             bar.enable_steady_tick(Duration::from_millis(100));
             bar
         });
-        Self { label, bar, announced: Mutex::new(None) }
+        Self { label, bar, announced: Mutex::default() }
     }
 
     /// Shows a note while the bake runs.
@@ -73,9 +96,7 @@ impl ProgressSink for AssetProgress {
             return;
         }
         let mut announced = self.announced.lock().unwrap_or_else(PoisonError::into_inner);
-        // Levels run in parallel, so a stage may be reported again. Each gets one line.
-        if announced.is_none_or(|last| stage > last) {
-            *announced = Some(stage);
+        if announced.is_news(stage, fraction) {
             line(&format!("{}: {stage} ({:.0} %)", self.label, fraction * 100.0));
         }
     }
@@ -84,4 +105,24 @@ impl ProgressSink for AssetProgress {
 fn style() -> ProgressStyle {
     ProgressStyle::with_template("{prefix} {bar:24} {percent:>3} % {msg} {elapsed}")
         .unwrap_or_else(|_| ProgressStyle::default_bar())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_stage_has_one_line_and_so_has_each_further_tenth() {
+        let mut announced = Announced::default();
+        let mut news = |stage, percent: u8| announced.is_news(stage, f32::from(percent) / 100.0);
+        assert!(news(StageId::Import, 0));
+        assert!(news(StageId::Maps, 2));
+        // The next object begins anew.
+        assert!(!news(StageId::Import, 4));
+        assert!(!news(StageId::Maps, 6));
+        assert!(news(StageId::Simplify, 13));
+        assert!(!news(StageId::Maps, 15));
+        assert!(news(StageId::Export, 16));
+        assert!(news(StageId::Maps, 27));
+    }
 }

@@ -142,7 +142,8 @@ fn image(model: &Model, levels: &[&Level], hinge: &Hinge, angle: f32) -> RgbImag
     let mut out = RgbImage::from_pixel((levels.len() as u32 + 1) * TILE as u32, TILE as u32, Rgb([255; 3]));
     let mut draw = |column: usize, model: &Model, positions: &[glam::Vec3]| {
         let sampler = SurfaceSampler::new(model);
-        let tile = Renderer::new(&sampler, TILE, 2).draw_moved(positions, &camera, Light::Head).over(1.0);
+        let [image] = Renderer::new(&sampler, TILE, 2).draw_moved(positions, &camera, [Light::Head]);
+        let tile = image.over(1.0);
         imageops::replace(&mut out, &image::DynamicImage::ImageRgba8(tile).to_rgb8(), (column * TILE) as i64, 0);
     };
     draw(0, model, &source);

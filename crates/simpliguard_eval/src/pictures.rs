@@ -60,13 +60,11 @@ pub fn pictures(source: &Model, levels: &[&Model]) -> Pictures {
 fn draw(model: &Model, frame: &BoundingSphere) -> [Vec<RgbImage>; 2] {
     let sampler = SurfaceSampler::new(model);
     let mut renderer = Renderer::new(&sampler, TILE, SAMPLES);
-    [Light::None, Light::Head].map(|light| {
-        let side = |direction: [f32; 3]| {
-            let camera = Camera::orbit(frame, Vec3::from(direction).normalize(), FRAMING.0, FRAMING.1);
-            shown(&renderer.draw(&camera, light))
-        };
-        DIRECTIONS.map(side).to_vec()
-    })
+    let drawn = DIRECTIONS.map(|direction| {
+        let camera = Camera::orbit(frame, Vec3::from(direction).normalize(), FRAMING.0, FRAMING.1);
+        renderer.draw(&camera, [Light::None, Light::Head])
+    });
+    [0, 1].map(|light| drawn.iter().map(|images| shown(&images[light])).collect())
 }
 
 /// The FLIP error of each pixel as a colour. Both images have one size.

@@ -69,14 +69,11 @@ fn difference(a: &RgbImage, b: &RgbImage) -> RgbImage {
 fn draw(model: &Model, frame: &BoundingSphere) -> Vec<RgbImage> {
     let sampler = SurfaceSampler::new(model);
     let mut renderer = Renderer::new(&sampler, TILE, 2);
-    let mut pictures = Vec::new();
-    for light in [Light::None, Light::Head] {
-        for direction in DIRECTIONS {
-            let camera = Camera::orbit(frame, Vec3::from(direction).normalize(), 0.6, 0.98);
-            pictures.push(shown(&renderer.draw(&camera, light)));
-        }
-    }
-    pictures
+    let drawn = DIRECTIONS.map(|direction| {
+        let camera = Camera::orbit(frame, Vec3::from(direction).normalize(), 0.6, 0.98);
+        renderer.draw(&camera, [Light::None, Light::Head])
+    });
+    [0, 1].iter().flat_map(|light| drawn.iter().map(|images| shown(&images[*light]))).collect()
 }
 
 /// Over the background.

@@ -32,7 +32,7 @@ pub fn similarity(source: &Model, level: &Model, views: usize, light: Light) -> 
     let compared: Vec<[f64; 3]> = cameras
         .par_iter()
         .map_init(renderers, |renderers, camera| {
-            let [source, level] = renderers.each_mut().map(|renderer| renderer.draw(camera, light));
+            let [[source], [level]] = renderers.each_mut().map(|renderer| renderer.draw(camera, [light]));
             let pair = Pair::new(&source, &level);
             [pair.psnr(), pair.psnr_foreground(), pair.ssim()]
         })

@@ -45,7 +45,7 @@ fn turn(model: &Model, frame: &BoundingSphere) -> Vec<[RgbImage; 2]> {
         let angle = i as f32 / FRAMES as f32 * std::f32::consts::TAU;
         let (sin, cos) = angle.sin_cos();
         let camera = Camera::orbit(frame, Vec3::new(sin, RISE, cos).normalize(), 0.6, 0.98);
-        [Light::None, Light::Head].map(|light| shown(&renderer.draw(&camera, light)))
+        renderer.draw(&camera, [Light::None, Light::Head]).map(|image| shown(&image))
     };
     (0..FRAMES).into_par_iter().map_init(|| Renderer::new(&sampler, TILE, 2), draw).collect()
 }

@@ -18,6 +18,8 @@ const VIEWS: usize = 8;
 const SIZE: usize = 256;
 /// Added to the seed of the views that stages are given.
 const OTHER_SEED: u64 = 3;
+/// Without and with light.
+const LIGHTS: [Light; 2] = [Light::None, Light::Head];
 /// Backgrounds: on one alone, what has its colour would not count.
 const BACKGROUNDS: [f32; 2] = [0.0, 1.0];
 /// Error of a colour channel, 0 to 1 of the encoded scale, from which on a pixel is wrong.
@@ -36,7 +38,7 @@ pub(super) struct SourcePictures<'a> {
 
 struct SourceView {
     camera: Camera,
-    /// Without and with light.
+    /// One for each of [`LIGHTS`].
     images: [Image; 2],
     /// The material that each pixel shows; `None` behind clear surfaces alone, and where nothing is.
     materials: Vec<Option<u32>>,
@@ -66,11 +68,10 @@ impl<'a> SourcePictures<'a> {
     fn take(model: &'a Model, cameras: Vec<Camera>, size: usize, cancellation: &'a Cancellation) -> Self {
         let sampler = SurfaceSampler::new(model);
         let view = |renderer: &mut Renderer<'_>, camera: Camera| {
-            let images = [Light::Head, Light::None].map(|light| renderer.draw(&camera, light));
+            let images = renderer.draw(&camera, LIGHTS);
             let material = |i| Some(model.surface.material[renderer.solid_triangle(i % size, i / size)?]);
             let materials = (0..size * size).map(material).collect();
-            let [lit, unlit] = images;
-            SourceView { camera, images: [unlit, lit], materials }
+            SourceView { camera, images, materials }
         };
         let cameras = cameras.into_par_iter().filter(|_| !cancellation.is_cancelled());
         let views = cameras.map_init(|| Renderer::new(&sampler, size, 2), view).collect();
@@ -87,8 +88,7 @@ impl<'a> SourcePictures<'a> {
         let level = level.to_model(self.model);
         let sampler = SurfaceSampler::new(&level);
         let compare = |renderer: &mut Renderer<'_>, view: &SourceView| {
-            let images = [Light::None, Light::Head].map(|light| renderer.draw(&view.camera, light));
-            self.compare_view(view, &images)
+            self.compare_view(view, &renderer.draw(&view.camera, LIGHTS))
         };
         let new = || Renderer::new(&sampler, self.size, 2);
         let views = self.views.par_iter().filter(|_| !self.cancellation.is_cancelled());

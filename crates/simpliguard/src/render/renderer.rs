@@ -13,8 +13,8 @@ use crate::data::AlphaMode;
 pub struct Renderer<'a> {
     sampler: &'a SurfaceSampler<'a>,
     raster: Raster,
-    /// Encoded, premultiplied colour of each sample.
-    colors: Vec<Vec4>,
+    /// Encoded, premultiplied colour of each sample, for each light of the last images.
+    colors: Vec<Vec<Vec4>>,
     /// Vertices of the last image in clip space, kept for their memory.
     clip: Vec<Vec4>,
     /// Samples along each side of a pixel.
@@ -25,29 +25,43 @@ impl<'a> Renderer<'a> {
     /// A renderer of images with a side of `size` pixels, each the mean of `samples` x `samples` points.
     pub fn new(sampler: &'a SurfaceSampler<'a>, size: usize, samples: usize) -> Self {
         let fine = size * samples;
-        Self { sampler, raster: Raster::new(fine), colors: vec![Vec4::ZERO; fine * fine], clip: Vec::new(), samples }
+        Self { sampler, raster: Raster::new(fine), colors: Vec::new(), clip: Vec::new(), samples }
     }
 
-    /// The image of the model from `camera`.
-    pub fn draw(&mut self, camera: &Camera, light: Light) -> Image {
-        self.draw_moved(&self.sampler.model().surface.positions, camera, light)
+    /// The image of the model from `camera`, under each of the lights.
+    pub fn draw<const N: usize>(&mut self, camera: &Camera, lights: [Light; N]) -> [Image; N] {
+        self.draw_moved(&self.sampler.model().surface.positions, camera, lights)
     }
 
-    /// The image of the model from `camera`, with its vertices at `positions`. It is lit as if they had not moved.
-    pub fn draw_moved(&mut self, positions: &[Vec3], camera: &Camera, light: Light) -> Image {
+    /// As [`draw`](Self::draw), with the vertices at `positions`. They are lit as if they had not moved.
+    pub fn draw_moved<const N: usize>(
+        &mut self,
+        positions: &[Vec3],
+        camera: &Camera,
+        lights: [Light; N],
+    ) -> [Image; N] {
         let mut clip = std::mem::take(&mut self.clip);
         camera.project_into(positions, &mut clip);
         let rect = Rect::around(&clip, self.raster.size, self.samples).aligned(self.samples);
         self.raster.clear(rect);
-        for y in rect.rows() {
-            let row = y * self.raster.size;
-            self.colors[row + rect.x0..row + rect.x1.max(rect.x0)].fill(Vec4::ZERO);
-        }
+        self.clear_colors(rect, N);
         draw_opaque(self.sampler, &mut self.raster, &clip);
-        self.shade_opaque(&clip, rect, camera, light);
-        self.blend(&clip, camera, light);
+        self.shade_opaque(&clip, rect, camera, lights);
+        self.blend(&clip, camera, lights);
         self.clip = clip;
-        self.resolve(rect)
+        std::array::from_fn(|light| self.resolve(rect, light))
+    }
+
+    fn clear_colors(&mut self, rect: Rect, lights: usize) {
+        let size = self.raster.size;
+        while self.colors.len() < lights {
+            self.colors.push(vec![Vec4::ZERO; size * size]);
+        }
+        for colors in &mut self.colors[..lights] {
+            for row in rect.rows().map(|y| y * size) {
+                colors[row + rect.x0..row + rect.x1.max(rect.x0)].fill(Vec4::ZERO);
+            }
+        }
     }
 
     /// The opaque or masked triangle that the last image shows at a pixel, at one of its points; `None` if there is none.
@@ -59,29 +73,30 @@ impl<'a> Renderer<'a> {
     }
 
     /// Shades the pixels of the visibility buffer.
-    fn shade_opaque(&mut self, clip: &[Vec4], rect: Rect, camera: &Camera, light: Light) {
+    fn shade_opaque<const N: usize>(&mut self, clip: &[Vec4], rect: Rect, camera: &Camera, lights: [Light; N]) {
         let size = self.raster.size;
-        let mut shader = Shader::new(self.sampler, clip, size, camera.eye, light);
+        let mut shader = Shader::new(self.sampler, clip, size, camera.eye);
         for y in rect.rows() {
             for x in rect.columns() {
                 let id = self.raster.ids[y * size + x];
                 if id != EMPTY_PIXEL {
-                    self.colors[y * size + x] = shader.shade(id as usize, x, y).with_w(1.0);
+                    let shaded = shader.shade(id as usize, (x, y), lights);
+                    self.colors.iter_mut().zip(shaded).for_each(|(colors, c)| colors[y * size + x] = c.with_w(1.0));
                 }
             }
         }
     }
 
     /// Draws the blended triangles, in the order of the source.
-    fn blend(&mut self, clip: &[Vec4], camera: &Camera, light: Light) {
+    fn blend<const N: usize>(&mut self, clip: &[Vec4], camera: &Camera, lights: [Light; N]) {
         let model = self.sampler.model();
         if model.materials.iter().all(|m| m.alpha_mode != AlphaMode::Blend) {
             return;
         }
         let size = self.raster.size;
         let pixels = self.raster.pixel_corners(clip);
-        let mut shader = Shader::new(self.sampler, clip, size, camera.eye, light);
-        let colors = &mut self.colors;
+        let mut shader = Shader::new(self.sampler, clip, size, camera.eye);
+        let buffers = &mut self.colors;
         for (t, triangle) in model.surface.triangles.iter().enumerate() {
             let material = self.sampler.material(t);
             if material.alpha_mode != AlphaMode::Blend {
@@ -89,16 +104,17 @@ impl<'a> Renderer<'a> {
             }
             let corners = triangle.map(|v| pixels[v as usize]);
             self.raster.draw_tested(t, corners, material.double_sided, |i, x, y| {
-                let color = shader.shade(t, x, y);
-                let over = (color.xyz() * color.w).extend(color.w);
-                colors[i] = over + colors[i] * (1.0 - color.w);
+                for (colors, color) in buffers.iter_mut().zip(shader.shade(t, (x, y), lights)) {
+                    let over = (color.xyz() * color.w).extend(color.w);
+                    colors[i] = over + colors[i] * (1.0 - color.w);
+                }
                 false
             });
         }
     }
 
-    /// The image, each pixel the mean of its samples.
-    fn resolve(&self, rect: Rect) -> Image {
+    /// The image under one of the lights, each pixel the mean of its samples.
+    fn resolve(&self, rect: Rect, light: usize) -> Image {
         let (n, fine) = (self.samples, self.raster.size);
         let size = fine / n;
         let scale = 255.0 / (n * n) as f32;
@@ -108,7 +124,7 @@ impl<'a> Renderer<'a> {
                 let mut sum = Vec4::ZERO;
                 for row in 0..n {
                     let start = (y * n + row) * fine + x * n;
-                    sum += self.colors[start..start + n].iter().sum::<Vec4>();
+                    sum += self.colors[light][start..start + n].iter().sum::<Vec4>();
                 }
                 pixels[y * size + x] = (sum * scale + 0.5).to_array().map(|c| c as u8);
             }
@@ -134,7 +150,7 @@ fn draw_opaque(sampler: &SurfaceSampler<'_>, raster: &mut Raster, clip: &[Vec4])
             AlphaMode::Blend => {}
             AlphaMode::Opaque => raster.draw_tested(t, corners, material.double_sided, |_, _, _| true),
             AlphaMode::Mask { cutoff } => {
-                let shader = shader.get_or_insert_with(|| Shader::new(sampler, clip, size, Vec3::ZERO, Light::None));
+                let shader = shader.get_or_insert_with(|| Shader::new(sampler, clip, size, Vec3::ZERO));
                 raster.draw_tested(t, corners, material.double_sided, |_, x, y| shader.color(t, x, y).w >= cutoff);
             }
         }
@@ -166,7 +182,8 @@ mod tests {
     fn centre_pixel(model: &Model, light: Light) -> [u8; 4] {
         let sampler = SurfaceSampler::new(model);
         let camera = Camera::orbit(&BoundingSphere { centre: Vec3::ZERO, radius: 1.5 }, Vec3::Z, 0.7, 1.0);
-        Renderer::new(&sampler, 32, 2).draw(&camera, light).pixels[16 * 32 + 16]
+        let [image] = Renderer::new(&sampler, 32, 2).draw(&camera, [light]);
+        image.pixels[16 * 32 + 16]
     }
 
     fn paint(r: f32, alpha: f32, alpha_mode: AlphaMode) -> Material {
@@ -186,9 +203,22 @@ mod tests {
         let from = |radius: f32| Camera::orbit(&BoundingSphere { centre: Vec3::ZERO, radius }, Vec3::Z, 0.7, 1.0);
         let mut reused = Renderer::new(&sampler, 33, 2);
         for radius in [1.0, 1.6, 2.1, 3.3] {
-            let fresh = Renderer::new(&sampler, 33, 2).draw(&from(radius), Light::None);
-            assert_eq!(reused.draw(&from(radius), Light::None), fresh);
+            let fresh = Renderer::new(&sampler, 33, 2).draw(&from(radius), [Light::None]);
+            assert_eq!(reused.draw(&from(radius), [Light::None]), fresh);
         }
+    }
+
+    #[test]
+    fn images_under_several_lights_are_those_under_each() {
+        let mut model = card(vec![paint(1.0, 1.0, AlphaMode::Opaque), paint(0.2, 0.5, AlphaMode::Blend)]);
+        model.surface.normals.fill(Vec3::new(0.6, 0.0, 0.8));
+        let sampler = SurfaceSampler::new(&model);
+        let camera = Camera::orbit(&BoundingSphere { centre: Vec3::ZERO, radius: 1.5 }, Vec3::Z, 0.7, 1.0);
+        let lights = [Light::Head, Light::None, Light::Axes];
+        let one = |light| Renderer::new(&sampler, 32, 2).draw(&camera, [light]);
+        let all = Renderer::new(&sampler, 32, 2).draw(&camera, lights);
+        assert_eq!(lights.map(one).concat(), all);
+        assert!(all[0] != all[1] && all[1] != all[2]);
     }
 
     #[test]

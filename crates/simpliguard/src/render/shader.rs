@@ -29,7 +29,6 @@ pub(super) struct Shader<'a, 's> {
     /// Side of the image in pixels.
     size: usize,
     eye: Vec3,
-    light: Light,
     /// The last triangle, or [`NO_TRIANGLE`].
     last: usize,
     coefficients: [Vec3; 3],
@@ -38,13 +37,12 @@ pub(super) struct Shader<'a, 's> {
 
 impl<'a, 's> Shader<'a, 's> {
     /// A shader of triangles with corners at `clip`, in an image of `size` pixels seen from `eye`.
-    pub(super) fn new(sampler: &'a SurfaceSampler<'s>, clip: &'a [Vec4], size: usize, eye: Vec3, light: Light) -> Self {
+    pub(super) fn new(sampler: &'a SurfaceSampler<'s>, clip: &'a [Vec4], size: usize, eye: Vec3) -> Self {
         Self {
             sampler,
             clip,
             size,
             eye,
-            light,
             last: NO_TRIANGLE,
             coefficients: [Vec3::ZERO; 3],
             footprint: Footprint::new(1.0, 1.0),
@@ -69,12 +67,20 @@ impl<'a, 's> Shader<'a, 's> {
         self.sampler.color(t, b, self.footprint)
     }
 
-    /// Lit and encoded colour, and alpha, of triangle `t` at a pixel; not premultiplied.
-    pub(super) fn shade(&mut self, t: usize, x: usize, y: usize) -> Vec4 {
+    /// Lit and encoded colour, and alpha, of triangle `t` at a pixel, under each of the lights; not premultiplied.
+    pub(super) fn shade<const N: usize>(&mut self, t: usize, (x, y): (usize, usize), lights: [Light; N]) -> [Vec4; N] {
         let b = self.barycentric(t, x, y);
         let color = self.sampler.color(t, b, self.footprint);
-        let light = match self.light {
-            _ if self.light == Light::None || self.sampler.material(t).only_emits() => Vec3::ONE,
+        lights.map(|light| {
+            let rgb = color.xyz() * self.light_at(t, b, light);
+            Vec3::from(rgb.to_array().map(encode)).extend(color.w.clamp(0.0, 1.0))
+        })
+    }
+
+    /// The factor of a colour under a light, at barycentric coordinates `b` of triangle `t`.
+    fn light_at(&self, t: usize, b: Vec3, light: Light) -> Vec3 {
+        match light {
+            _ if light == Light::None || self.sampler.material(t).only_emits() => Vec3::ONE,
             Light::Axes => {
                 let normal = self.sampler.normal(t, b, self.footprint);
                 let shown = if self.sampler.material(t).double_sided { normal.abs() } else { normal };
@@ -87,9 +93,7 @@ impl<'a, 's> Shader<'a, 's> {
                 let normal = self.sampler.normal(t, b, self.footprint);
                 Vec3::splat(0.3 + 0.7 * normal.dot(view).abs())
             }
-        };
-        let rgb = color.xyz() * light;
-        Vec3::from(rgb.to_array().map(encode)).extend(color.w.clamp(0.0, 1.0))
+        }
     }
 }
 

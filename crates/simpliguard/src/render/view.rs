@@ -49,7 +49,8 @@ pub fn take_views(sampler: &SurfaceSampler<'_>, cameras: &[Camera], sampling: Sa
 
 /// `view` again, under other light. The source has its vertices at `positions`.
 pub(super) fn relit(renderer: &mut Renderer<'_>, view: &View, positions: &[Vec3], light: Light) -> View {
-    View { image: renderer.draw_moved(positions, &view.camera, light), ..*view }
+    let [image] = renderer.draw_moved(positions, &view.camera, [light]);
+    View { image, ..*view }
 }
 
 /// As [`take_views`], with the source in a pose, its vertices at `positions`.
@@ -71,7 +72,7 @@ fn take(
     pose: Option<usize>,
 ) -> Vec<View> {
     let view = |renderer: &mut Renderer<'_>, camera: &Camera| {
-        let image = renderer.draw_moved(positions, camera, Light::None);
+        let [image] = renderer.draw_moved(positions, camera, [Light::None]);
         View { camera: *camera, pose, image }
     };
     cameras.par_iter().map_init(|| Renderer::new(sampler, size, samples), view).collect()

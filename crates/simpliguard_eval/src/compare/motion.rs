@@ -73,7 +73,7 @@ fn frame(samplers: &[SurfaceSampler<'_>; 2], positions: &[Vec<Vec3>; 2]) -> Fram
     let cameras = cameras(&BoundingSphere::around(&positions[0]), VIEWS);
     let renderers = || samplers.each_ref().map(|sampler| Renderer::new(sampler, SIZE, SAMPLES));
     let view = |renderers: &mut [Renderer<'_>; 2], camera: &Camera| {
-        let [a, b] = [0, 1].map(|i| renderers[i].draw_moved(&positions[i], camera, Light::None));
+        let [[a], [b]] = [0, 1].map(|i| renderers[i].draw_moved(&positions[i], camera, [Light::None]));
         let pair = Pair::new(&a, &b);
         [pair.psnr(), pair.psnr_foreground(), pair.silhouette_iou()]
     };

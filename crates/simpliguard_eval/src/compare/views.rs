@@ -72,10 +72,9 @@ pub(crate) fn view_metrics(source: &Model, levels: &[&Model], views: usize, lpip
     let cameras = cameras(&BoundingSphere::around(&source.surface.positions), views);
     let samplers: Vec<SurfaceSampler<'_>> =
         std::iter::once(source).chain(levels.iter().copied()).map(SurfaceSampler::new).collect();
-    // One renderer at a time: each takes 24 MB, and there may be many levels.
+    // One renderer at a time: each takes 42 MB, and there may be many levels.
     let draw = |sampler: &SurfaceSampler<'_>, camera: &Camera| {
-        let mut renderer = Renderer::new(sampler, SIZE, SAMPLES);
-        [Light::None, Light::Head].map(|light| renderer.draw(camera, light))
+        Renderer::new(sampler, SIZE, SAMPLES).draw(camera, [Light::None, Light::Head])
     };
     let network = lpips.map(|lpips| (lpips, lpips.features(&noise(SIZE as u32))));
     let view = |camera: &Camera| {
