@@ -88,7 +88,7 @@ pub(super) fn deliver(
     while let Ok(event) = receiver.0.try_recv() {
         match event {
             Event::Desired { path, key, is_cached } => {
-                let done = BakeStatus::Done { duration: Duration::ZERO, warnings: Vec::new() };
+                let done = BakeStatus::cached();
                 bakes.set_desired(&path, Some(key), if is_cached { done } else { BakeStatus::Queued });
             }
             Event::Started(key, message) => {
@@ -102,7 +102,8 @@ pub(super) fn deliver(
             }
             Event::Finished(key, message) => {
                 let warnings = message.report.all_levels().filter_map(|level| level.warning.clone()).collect();
-                bakes.advance(&message.path, key, BakeStatus::Done { duration: message.duration, warnings });
+                let hint = message.report.scene_hint().map(str::to_owned);
+                bakes.advance(&message.path, key, BakeStatus::Done { duration: message.duration, warnings, hint });
                 messages.finished.write(message);
             }
             Event::Failed(key, message) => {

@@ -25,6 +25,8 @@ pub enum BakeStatus {
         duration: Duration,
         /// What is wrong with levels that hardly look like their source, one line each. Empty if the cache had the result.
         warnings: Vec<String>,
+        /// Advice if the file looks like a scene whose objects could have levels of their own. `None` if the cache had the result.
+        hint: Option<String>,
     },
     /// The bake failed. The model has no levels, or keeps its last ones.
     Failed {
@@ -34,6 +36,11 @@ pub enum BakeStatus {
 }
 
 impl BakeStatus {
+    /// The cache had the levels.
+    pub(super) fn cached() -> Self {
+        Self::Done { duration: Duration::ZERO, warnings: Vec::new(), hint: None }
+    }
+
     /// Tells whether the status stays as it is until a file changes.
     pub fn is_settled(&self) -> bool {
         matches!(self, Self::Done { .. } | Self::Failed { .. })
@@ -102,7 +109,7 @@ mod tests {
         bakes.advance(&path, old, baking(0.2));
         assert_eq!(bakes.get(&path), Some(&baking(0.2)));
         assert!(!bakes.is_settled());
-        bakes.set_desired(&path, Some(new), BakeStatus::Done { duration: Duration::ZERO, warnings: Vec::new() });
+        bakes.set_desired(&path, Some(new), BakeStatus::cached());
         bakes.advance(&path, old, baking(0.3));
         assert!(bakes.is_settled());
         bakes.set_desired(&path, None, BakeStatus::Failed { error: "x".into() });

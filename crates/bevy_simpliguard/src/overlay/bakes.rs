@@ -52,6 +52,7 @@ enum State {
     Unlike(String),
     Done {
         tenths: u64,
+        hint: Option<String>,
     },
 }
 
@@ -122,7 +123,9 @@ impl State {
             }
             BakeStatus::Done { warnings, .. } if !warnings.is_empty() => Some(Self::Unlike(warnings.join("\n"))),
             BakeStatus::Done { duration, .. } if duration.is_zero() => None,
-            BakeStatus::Done { duration, .. } => Some(Self::Done { tenths: duration.as_millis() as u64 / 100 }),
+            BakeStatus::Done { duration, hint, .. } => {
+                Some(Self::Done { tenths: duration.as_millis() as u64 / 100, hint: hint.clone() })
+            }
             BakeStatus::Failed { error } => Some(Self::Failed(error.clone())),
         }
     }
@@ -142,8 +145,11 @@ impl State {
             Self::Queued => {
                 parent.spawn(text("queued", size, DIM));
             }
-            Self::Done { tenths } => {
+            Self::Done { tenths, hint } => {
                 parent.spawn(text(&format!("done in {}.{} s", tenths / 10, tenths % 10), size, DONE));
+                if let Some(hint) = hint {
+                    parent.spawn(text(hint, size, DIM));
+                }
             }
         }
     }
@@ -159,4 +165,21 @@ fn bar(done: u8, size: f32) -> impl Bundle {
             BackgroundColor(RUNNING),
         )],
     )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_hint_of_a_scene_stands_beside_the_time_of_its_bake() {
+        let status = |hint: Option<&str>| BakeStatus::Done {
+            duration: Duration::from_millis(1250),
+            warnings: Vec::new(),
+            hint: hint.map(str::to_owned),
+        };
+        assert!(State::of(&status(None)) == Some(State::Done { tenths: 12, hint: None }));
+        let hint = Some("it looks like a scene".to_owned());
+        assert!(State::of(&status(hint.as_deref())) == Some(State::Done { tenths: 12, hint }));
+    }
 }

@@ -20,6 +20,6 @@ pub use glb::binary;
 pub use gpu_cost::{GpuCost, encoded_image, gpu_cost, image_of_texture, texture_memory, textures_of_material};
 pub(crate) use import::import_in;
 pub use import::{ImportLimits, import};
-pub(crate) use objects::{ObjectScene, describe_scene};
+pub(crate) use objects::{ObjectScene, SCENE_HINT, describe_scene};
 pub use on_demand::{Divided, divide_source};
 pub use uris::{check_binary, external_uris};

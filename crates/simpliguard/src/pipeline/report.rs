@@ -4,6 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::data::{Deviation, Model, TriMesh};
 use crate::geometry::{Topology, self_intersecting};
+use crate::gltf::SCENE_HINT;
 use crate::refine::Refined;
 use crate::render::decibels;
 
@@ -43,6 +44,11 @@ impl Report {
     /// The levels of the file, and those of its objects.
     pub fn all_levels(&self) -> impl Iterator<Item = &LevelReport> {
         self.levels.iter().chain(self.objects.iter().flat_map(|object| &object.levels))
+    }
+
+    /// The note on a file that looks like a scene of many objects, and was baked as one.
+    pub fn scene_hint(&self) -> Option<&str> {
+        self.notes.iter().find(|note| note.starts_with(SCENE_HINT)).map(String::as_str)
     }
 
     /// The GPU on which levels were refined, if any was.
@@ -262,5 +268,27 @@ impl LevelTopology {
             boundary_edges: topology.edges.boundary as u32,
             self_intersecting: self_intersecting(mesh).into_iter().filter(|face| *face).count() as u32,
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_note_on_a_scene_is_found_among_others() {
+        let report = |notes: &[&str]| Report {
+            status: Status::Baked,
+            source_faces: 0,
+            levels: Vec::new(),
+            objects: Vec::new(),
+            notes: notes.iter().map(|&note| note.to_owned()).collect(),
+            seconds: Vec::new(),
+        };
+        let hint = format!("{SCENE_HINT}20 objects");
+        assert_eq!(report(&["another", &hint]).scene_hint(), Some(&hint[..]));
+        assert_eq!(report(&["another"]).scene_hint(), None);
+        // A note on an object of a scene that is baked object by object.
+        assert_eq!(report(&[&format!("hut: {hint}")]).scene_hint(), None);
     }
 }

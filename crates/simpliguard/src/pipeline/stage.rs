@@ -31,7 +31,7 @@ pub const STAGES: [Stage; 10] = [
     per_level(StageId::Texture, 1, 4, "initial texture baked from the source"),
     per_level(StageId::Refine, 2, 48, "differentiable rendering of vertices and texture"),
     per_level(StageId::Maps, 2, 10, "texture set on the final vertices"),
-    once(StageId::Export, 1, 2, "source and levels as one binary glTF"),
+    once(StageId::Export, 2, 2, "source and levels as one binary glTF"),
 ];
 
 const fn once(id: StageId, version: u32, weight: u32, purpose: &'static str) -> Stage {

@@ -10,7 +10,7 @@ use super::level::{EncodedLevel, level_node};
 use super::params::ExportParams;
 use super::skin::Binding;
 use super::textures::push_sampler;
-use super::{clips, embed, hierarchy, prune};
+use super::{clips, embed, hierarchy, lods, prune};
 use crate::data::{LayerMaterial, Level, LevelLayer, Model};
 use crate::gltf::authored::level_nodes;
 use crate::{Cancellation, Error};
@@ -31,7 +31,7 @@ pub(crate) fn export_in(
     let mut old_levels = Vec::new();
     if !levels.is_empty() {
         old_levels.extend(level_nodes(out.all(Kind::Node)));
-        old_levels.extend(hierarchy::remove_lods(&mut out));
+        old_levels.extend(lods::remove_lods(&mut out));
     }
     let writer = Writer::new(&mut out, &skins, levels.len());
     let mut nodes = Vec::new();
@@ -48,7 +48,8 @@ pub(crate) fn export_in(
     }
     if !nodes.is_empty() {
         nodes.reverse();
-        hierarchy::place_lods(&mut out, &model.document.mesh_nodes, &nodes);
+        let coverages = lods::screen_coverages(levels.iter().rev().map(|level| f64::from(level.error)));
+        lods::place_lods(&mut out, &model.document.mesh_nodes, &nodes, &coverages);
     }
     hierarchy::remove_levels(&mut out, &old_levels, nodes.first().copied());
     if let (false, Some(&finest)) = (params.keep_source, nodes.first()) {

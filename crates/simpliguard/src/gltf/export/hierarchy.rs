@@ -1,4 +1,4 @@
-//! Node trees: roots of scenes, copies for the scenes of single levels, and the place of `MSFT_lod`.
+//! Node trees: roots of scenes, copies for the scenes of single levels, and levels that a file came with.
 
 use serde_json::{Value, json};
 
@@ -130,52 +130,6 @@ pub(in crate::gltf) fn join_roots(out: &mut Builder, scene: usize) {
         nodes[at] = joined;
         nodes.retain(|n| !roots.contains(n));
         scene["nodes"] = json!(nodes);
-    }
-}
-
-/// Removes `MSFT_lod` and its screen coverages from every node and material. Returns the nodes that it named.
-pub(in crate::gltf) fn remove_lods(out: &mut Builder) -> Vec<usize> {
-    let mut named = Vec::new();
-    for kind in [Kind::Node, Kind::Material] {
-        for object in out.all_mut(kind) {
-            let Some(extensions) = object.get_mut("extensions").and_then(Value::as_object_mut) else { continue };
-            let Some(lod) = extensions.remove("MSFT_lod") else { continue };
-            if kind == Kind::Node {
-                named.extend(indices(&lod, "ids"));
-            }
-            let is_empty = extensions.is_empty();
-            let Some(object) = object.as_object_mut() else { continue };
-            if is_empty {
-                object.remove("extensions");
-            }
-            if let Some(extras) = object.get_mut("extras").and_then(Value::as_object_mut) {
-                extras.remove("MSFT_screencoverage");
-                if extras.is_empty() {
-                    object.remove("extras");
-                }
-            }
-        }
-    }
-    if let Some(used) = out.json.get_mut("extensionsUsed").and_then(Value::as_array_mut) {
-        used.retain(|name| name != "MSFT_lod");
-    }
-    named
-}
-
-/// Sets `MSFT_lod` on the only root of the default scene, else on its first root with a mesh under it.
-pub(in crate::gltf) fn place_lods(out: &mut Builder, mesh_nodes: &[usize], ids: &[usize]) {
-    let roots = scene_roots(out, out.default_scene());
-    let has_mesh = |&root: &usize| descendants(out, &[root]).iter().any(|n| mesh_nodes.contains(n));
-    let holder = match roots[..] {
-        [only] => Some(only),
-        _ => roots.iter().copied().find(has_mesh),
-    };
-    let Some(node) = holder.and_then(|h| out.all_mut(Kind::Node).get_mut(h)).and_then(Value::as_object_mut) else {
-        return;
-    };
-    if let Some(extensions) = node.entry("extensions").or_insert_with(|| json!({})).as_object_mut() {
-        extensions.insert("MSFT_lod".into(), json!({ "ids": ids }));
-        out.use_extension("MSFT_lod");
     }
 }
 

@@ -25,6 +25,7 @@ pub(super) mod embed;
 pub(super) mod fault;
 pub(super) mod hierarchy;
 mod level;
+pub(super) mod lods;
 pub(super) mod material;
 mod params;
 pub(super) mod prune;

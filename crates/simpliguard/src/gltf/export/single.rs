@@ -7,7 +7,7 @@ use super::level::{EncodedLevel, level_node};
 use super::params::CRATE_VERSION;
 use super::skin::Binding;
 use super::textures::push_sampler;
-use super::{clips, embed, hierarchy, prune};
+use super::{clips, embed, hierarchy, lods, prune};
 use crate::data::{Level, Model};
 use crate::{Cancellation, Error};
 
@@ -22,7 +22,7 @@ pub fn export_level(model: &Model, level: &Level) -> Result<Vec<u8>, Error> {
     let encoded = EncodedLevel::new(model, level, skin.as_ref(), &Cancellation::default())?;
     let mut out = embed::embed(&model.name, &model.document)?;
     out.stamp(CRATE_VERSION);
-    hierarchy::remove_lods(&mut out);
+    lods::remove_lods(&mut out);
     keep_default_scene(&mut out, skin.as_ref());
     let skin = skin.as_ref().map(|skin| skin.write(&mut out));
     let sampler = push_sampler(&mut out);

@@ -13,6 +13,8 @@ const OBJECTS: usize = 16;
 const EXTENT: f32 = 15.0;
 /// A scene is at least so many times as large as its median object.
 const PROPORTION: f32 = 8.0;
+/// What a description begins with.
+pub(crate) const SCENE_HINT: &str = "it looks like a scene: ";
 
 /// Describes a file that looks like a scene, in words: many separate objects, each small beside the whole. `None` for other
 /// files.
@@ -37,7 +39,7 @@ pub(crate) fn describe_scene(document: &Document) -> Option<String> {
     let meshes: BTreeSet<u64> = rigid.iter().filter_map(|&node| nodes[node].get("mesh")?.as_u64()).collect();
     let (objects, meshes) = (rigid.len(), meshes.len());
     Some(format!(
-        "it looks like a scene: {objects} objects of {meshes} meshes, {extent:.0} m across; with `scope: Objects` each gets \
+        "{SCENE_HINT}{objects} objects of {meshes} meshes, {extent:.0} m across; with `scope: Objects` each gets \
          levels of its own"
     ))
 }

@@ -14,9 +14,7 @@ use crate::Error;
 use crate::gltf::export::builder::{Builder, Kind, index, indices};
 use crate::gltf::export::clips::copy_weight_channels;
 use crate::gltf::export::hierarchy::TRANSFORM;
-
-/// Pixels of the screen that coverages are computed for. glTF does not know the screen that a level is seen on.
-const SCREEN: [f64; 2] = [1920.0, 1080.0];
+use crate::gltf::export::lods::{screen_coverages, set_lods};
 
 /// The levels of all instances of an object.
 #[derive(Clone, Default)]
@@ -142,7 +140,8 @@ impl Levels {
         }
         let ids: Vec<usize> = (first..scene.all(Kind::Node).len()).collect();
         if let Some(anchor) = object.anchor.filter(|_| object.owns_subtree && !ids.is_empty()) {
-            set_lods(scene, anchor, &ids, &self.coverages());
+            let errors = self.levels.iter().map(|level| level.stamp.error.as_f64().unwrap_or(0.0));
+            set_lods(scene, anchor, &ids, &screen_coverages(errors));
         }
         ids.first().copied()
     }
@@ -165,22 +164,6 @@ impl Levels {
                 copy_weight_channels(scene, driver, &[node]);
             }
         }
-    }
-
-    /// The least screen coverage of the source and of each level: fraction of the screen that the bounding sphere covers
-    /// where the error of the next level is one pixel. The last is never left.
-    fn coverages(&self) -> Vec<f64> {
-        let mut coverages = Vec::with_capacity(self.levels.len() + 1);
-        let mut error = 0.0_f64;
-        for level in &self.levels {
-            error = error.max(level.stamp.error.as_f64().unwrap_or(0.0));
-            let diameter = 1.0 / error;
-            let coverage = 0.25 * std::f64::consts::PI * diameter * diameter / (SCREEN[0] * SCREEN[1]);
-            // Five digits: nobody measures coverage so well.
-            coverages.push((coverage.min(1.0) * 1e5).round() / 1e5);
-        }
-        coverages.push(0.0);
-        coverages
     }
 }
 
@@ -246,18 +229,6 @@ impl Skin {
     }
 }
 
-/// Sets `MSFT_lod` and the screen coverages of a node.
-fn set_lods(scene: &mut Builder, node: usize, ids: &[usize], coverages: &[f64]) {
-    let Some(members) = scene.all_mut(Kind::Node)[node].as_object_mut() else { return };
-    if let Some(extensions) = members.entry("extensions").or_insert_with(|| json!({})).as_object_mut() {
-        extensions.insert("MSFT_lod".into(), json!({ "ids": ids }));
-    }
-    if let Some(extras) = members.entry("extras").or_insert_with(|| json!({})).as_object_mut() {
-        extras.insert("MSFT_screencoverage".into(), json!(coverages));
-    }
-    scene.use_extension("MSFT_lod");
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -269,14 +240,6 @@ mod tests {
         };
         let level = |error: &f64| Level { mesh: 0, skin: None, stamp: stamp(*error) };
         Levels { levels: errors.iter().map(level).collect() }
-    }
-
-    #[test]
-    fn coverages_fall_and_the_last_level_stays() {
-        // At an error of a hundredth, the object is a hundred pixels wide: 7,854 of 2,073,600 pixels.
-        assert_eq!(levels(&[0.01, 0.02]).coverages(), [0.00379, 0.00095, 0.0]);
-        assert_eq!(levels(&[0.02, 0.01]).coverages(), [0.00095, 0.00095, 0.0]);
-        assert_eq!(levels(&[0.0]).coverages(), [1.0, 0.0]);
     }
 
     #[test]

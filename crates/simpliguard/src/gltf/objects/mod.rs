@@ -31,5 +31,5 @@ mod scene;
 mod shared_atlas;
 mod triangles;
 
-pub(crate) use describe::describe_scene;
+pub(crate) use describe::{SCENE_HINT, describe_scene};
 pub(crate) use scene::ObjectScene;

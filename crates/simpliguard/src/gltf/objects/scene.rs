@@ -14,7 +14,7 @@ use crate::data::{NodePattern, TextureFormat};
 use crate::gltf::authored::level_nodes;
 use crate::gltf::export::builder::{Builder, Kind, index};
 use crate::gltf::export::embed::embed;
-use crate::gltf::export::{clips, hierarchy, prune};
+use crate::gltf::export::{clips, hierarchy, lods, prune};
 use crate::gltf::import::{ImportLimits, read_document};
 use crate::{Cancellation, Error, Source};
 
@@ -77,7 +77,7 @@ impl ObjectScene {
         let is_baked = remove_stamps(&mut out);
         let mut own_levels = OwnLevels::of(&out, &mesh_nodes);
         let mut old_levels: Vec<usize> = level_nodes(out.all(Kind::Node)).into_iter().collect();
-        old_levels.extend(hierarchy::remove_lods(&mut out));
+        old_levels.extend(lods::remove_lods(&mut out));
         let patterns: Vec<_> = patterns.iter().filter_map(NodePattern::matcher).collect();
         let objects = find::find(&out, &mesh_nodes, &patterns);
         cancellation.check(source.name)?;

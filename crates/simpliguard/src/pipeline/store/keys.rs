@@ -320,7 +320,7 @@ mod tests {
         ];
         assert_eq!(
             (PIPELINE_VERSION, keys.map(|key| key.hex()[..16].to_owned())),
-            ("21", ["ca7486c0a195cd12", "38aac8f56394a820"].map(str::to_owned))
+            ("22", ["ab5ec194669e8236", "9990762d5ad97199"].map(str::to_owned))
         );
     }
 }

@@ -31,6 +31,8 @@ fn lods_stand_once_on_the_root_in_falling_detail() {
     let read = Read::new("lods", &export(&triangle(), &levels(false), &ExportParams::default()).expect("exports"));
     let nodes = &read.json["nodes"];
     assert_eq!(nodes[1]["extensions"]["MSFT_lod"]["ids"], json!([4, 3, 2]));
+    let coverages = nodes[1]["extras"]["MSFT_screencoverage"].as_array().expect("one for the source and each level");
+    assert!(coverages.len() == 4 && coverages[3] == 0.0, "{coverages:?}");
     assert_eq!(nodes[4]["extras"]["simpliguard"]["budget"], 4000);
     let smallest = &nodes[2]["extras"]["simpliguard"];
     assert_eq!(smallest["level"], 1);
