@@ -30,7 +30,7 @@ pub(crate) fn printable_lines(text: &str) -> String {
     text.split('\n').map(|line| Printable(line).to_string()).collect::<Vec<_>>().join("\n")
 }
 
-/// Progress of one model: a bar on a terminal, otherwise lines: one for each stage, and one for each further tenth.
+/// Progress of one model: a bar on a terminal; otherwise a line for each stage and for each further tenth.
 pub(crate) struct AssetProgress {
     label: String,
     bar: Option<ProgressBar>,

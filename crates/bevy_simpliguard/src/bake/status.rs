@@ -25,7 +25,7 @@ pub enum BakeStatus {
         duration: Duration,
         /// What is wrong with levels that hardly look like their source, one line each. Empty if the cache had the result.
         warnings: Vec<String>,
-        /// Advice if the file looks like a scene whose objects could have levels of their own. `None` if the cache had the result.
+        /// Advice for a file that looks like a scene of many objects. `None` if the cache had the result.
         hint: Option<String>,
     },
     /// The bake failed. The model has no levels, or keeps its last ones.
