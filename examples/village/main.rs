@@ -9,7 +9,7 @@
 //! The scene is made here and written to `target/village/assets`, with a `.meta` file that says `scope: Objects`. The game
 //! spawns it like any other scene. Its 300 objects are 20 meshes, so there are 20 bakes. Each object switches on its own:
 //! from the middle of the village, some show their source and others the smallest level. Seen from afar, one mesh stands for
-//! all of them (`whole`).
+//! all of them (`whole`). Beside it lies the same scene with levels for the whole file, for comparison.
 
 mod scene;
 mod shapes;
@@ -25,12 +25,14 @@ use bevy::light::CascadeShadowConfigBuilder;
 use bevy::prelude::*;
 use bevy::render::view::screenshot::{Screenshot, ScreenshotCaptured, save_to_disk};
 use bevy::window::PresentMode;
-use bevy_simpliguard::lod::{LodGroup, LodMember};
+use bevy_simpliguard::lod::LodMember;
 use bevy_simpliguard::overlay::thousands;
-use bevy_simpliguard::{BakeFailed, BakeMode, LodSettings, LodStats, OverlayPlugin, SimpliguardPlugin};
+use bevy_simpliguard::{
+    BakeFailed, BakeMode, LodSettings, LodStats, OverlayPlugin, SimpliguardLods, SimpliguardPlugin,
+};
 use clap::Parser;
 
-use scene::RADIUS;
+use scene::{LevelsOf, RADIUS};
 use timing::{Timer, Timing};
 
 /// The folder of the scene, below that of all assets.
@@ -110,11 +112,15 @@ fn fail(folder: &Path, error: &std::io::Error) -> AppExit {
 
 fn setup(
     mut commands: Commands,
+    options: Res<Options>,
     server: Res<AssetServer>,
     mut meshes: ResMut<Assets<Mesh>>,
     mut materials: ResMut<Assets<StandardMaterial>>,
 ) {
-    commands.spawn(WorldAssetRoot(server.load(format!("{}#Scene0", scene::FILE))));
+    commands.spawn((WorldAssetRoot(server.load(LevelsOf::Objects.path())), LevelsOf::Objects));
+    if !options.stay {
+        commands.spawn((WorldAssetRoot(server.load(LevelsOf::File.path())), LevelsOf::File, Visibility::Hidden));
+    }
     let fog = DistanceFog {
         color: AIR,
         falloff: FogFalloff::Linear { start: 5.0 * RADIUS, end: 20.0 * RADIUS },
@@ -139,9 +145,9 @@ fn setup(
     ));
 }
 
-/// Whether the village is there with its levels.
-fn has_levels(groups: Query<(), With<LodGroup>>) -> bool {
-    !groups.is_empty()
+/// Whether the villages are there with their levels.
+fn has_levels(villages: Query<Has<SimpliguardLods>, With<LevelsOf>>) -> bool {
+    villages.iter().all(|has_levels| has_levels)
 }
 
 fn give_up(mut failed: MessageReader<BakeFailed>, mut exit: MessageWriter<AppExit>) {
@@ -154,10 +160,34 @@ fn give_up(mut failed: MessageReader<BakeFailed>, mut exit: MessageWriter<AppExi
 /// What is drawn.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Shown {
+    /// The levels of each object.
     Levels,
+    /// Those of the whole file: one mesh in place of all objects, wherever they are.
+    OneLevel,
     Source,
     /// The ground alone: what a frame costs without any object.
     Nothing,
+}
+
+impl Shown {
+    /// The village that is shown.
+    fn village(self) -> Option<LevelsOf> {
+        match self {
+            Self::Levels | Self::Source => Some(LevelsOf::Objects),
+            Self::OneLevel => Some(LevelsOf::File),
+            Self::Nothing => None,
+        }
+    }
+
+    /// The end of the name of its picture.
+    fn suffix(self) -> Option<&'static str> {
+        match self {
+            Self::Levels => Some(""),
+            Self::OneLevel => Some("_one_level"),
+            Self::Source => Some("_source"),
+            Self::Nothing => None,
+        }
+    }
 }
 
 /// What is left to be measured, and what was.
@@ -173,13 +203,15 @@ struct Measurements {
 struct Measured {
     timing: Timing,
     triangles: u64,
-    /// Mesh entities in view, and different meshes among them: those of one mesh and material are one batch.
-    meshes: (usize, usize),
+    /// Mesh entities in view.
+    entities: usize,
+    /// Different pairs of mesh and material among them. What has both in common is drawn in one call.
+    draws: usize,
 }
 
 impl Measurements {
     fn new(options: &Options) -> Self {
-        let each = |place| [Shown::Levels, Shown::Source, Shown::Nothing].map(|shown| (place, shown));
+        let each = |place| [Shown::Levels, Shown::OneLevel, Shown::Source, Shown::Nothing].map(|shown| (place, shown));
         let all = [Place::Near, Place::Middle, Place::Far, Place::Horizon].into_iter().flat_map(each);
         let left = if options.stay { VecDeque::new() } else { all.collect() };
         Self { left, timer: Timer::default(), done: Vec::new(), is_exposing: false }
@@ -188,12 +220,9 @@ impl Measurements {
 
 impl Measured {
     fn line(&self) -> String {
-        let Self { timing, triangles, meshes: (entities, kinds) } = self;
+        let Self { timing: Timing { mean, p95 }, triangles, entities, draws } = self;
         let triangles = thousands(*triangles);
-        format!(
-            "{triangles} triangles in {entities} objects of {kinds} meshes: mean {:.1} ms, 95 % {:.1} ms",
-            timing.mean, timing.p95
-        )
+        format!("{triangles} triangles, {entities} meshes in {draws} draws: mean {mean:.1} ms, 95 % {p95:.1} ms")
     }
 }
 
@@ -204,9 +233,9 @@ fn measure(
     options: Res<Options>,
     time: Res<Time<Real>>,
     stats: Res<LodStats>,
-    members: Query<(&ViewVisibility, &Mesh3d), With<LodMember>>,
+    members: Query<(&ViewVisibility, &Mesh3d, &MeshMaterial3d<StandardMaterial>), With<LodMember>>,
     mut settings: ResMut<LodSettings>,
-    mut village: Single<&mut Visibility, With<WorldAssetRoot>>,
+    mut villages: Query<(&mut Visibility, &LevelsOf)>,
     mut camera: Single<&mut Transform, With<Camera3d>>,
     mut exit: MessageWriter<AppExit>,
 ) {
@@ -218,40 +247,40 @@ fn measure(
         return;
     };
     camera.set_if_neq(place.view());
-    village.set_if_neq(if shown == Shown::Nothing { Visibility::Hidden } else { Visibility::Inherited });
+    for (mut visibility, levels) in &mut villages {
+        let is_shown = shown.village() == Some(*levels);
+        visibility.set_if_neq(if is_shown { Visibility::Inherited } else { Visibility::Hidden });
+    }
     let enabled = shown != Shown::Source;
     if settings.enabled != enabled {
         settings.enabled = enabled;
     }
     let Some(timing) = all.timer.add(time.delta()) else { return };
     all.left.pop_front();
-    let seen: Vec<AssetId<Mesh>> = members.iter().filter(|(v, _)| v.get()).map(|(_, mesh)| mesh.id()).collect();
-    let meshes = (seen.len(), seen.iter().collect::<BTreeSet<_>>().len());
-    all.done.push(Measured { timing, triangles: stats.triangles, meshes });
+    let seen: Vec<_> = members.iter().filter(|(v, ..)| v.get()).map(|(_, mesh, of)| (mesh.id(), of.id())).collect();
+    let draws = seen.iter().collect::<BTreeSet<_>>().len();
+    all.done.push(Measured { timing, triangles: stats.triangles, entities: seen.len(), draws });
     let name = format!("{place:?}").to_lowercase();
-    if let Some(folder) = options.screenshot.as_ref().filter(|_| shown != Shown::Nothing) {
+    if let Some((folder, suffix)) = options.screenshot.as_ref().zip(shown.suffix()) {
         let _ = std::fs::create_dir_all(folder);
-        let path = folder.join(format!("village_{name}{}.png", if enabled { "" } else { "_source" }));
+        let path = folder.join(format!("village_{name}{suffix}.png"));
         commands.spawn(Screenshot::primary_window()).observe(save_to_disk(path));
         all.is_exposing = true;
     }
-    if let [levels, source, nothing] = all.done[..] {
-        print(&name, levels, source, nothing);
+    if let Ok(measured) = all.done[..].try_into() {
+        print(&name, measured);
         all.done.clear();
     }
 }
 
 #[expect(clippy::print_stdout, reason = "the program's result")]
-fn print(place: &str, levels: Measured, source: Measured, nothing: Measured) {
-    let [with, without, empty] = [levels, source, nothing].map(|measured| measured.timing.mean);
+fn print(place: &str, [levels, one, source, nothing]: [Measured; 4]) {
+    let empty = nothing.timing.mean;
+    let objects = |measured: Measured| (measured.timing.mean - empty).max(0.0);
     println!("{place}");
-    println!("  levels of detail   {}", levels.line());
-    println!("  source             {}", source.line());
-    println!("  ground alone       mean {empty:.1} ms");
-    println!(
-        "  {:.1} times as fast; {:.1} ms for the objects in place of {:.1} ms",
-        without / with,
-        (with - empty).max(0.0),
-        (without - empty).max(0.0)
-    );
+    for (name, measured) in [("levels of objects", levels), ("levels of the file", one), ("source", source)] {
+        println!("  {name:<20}{}; without the ground {:.1} ms", measured.line(), objects(measured));
+    }
+    println!("  {:<20}mean {empty:.1} ms", "ground alone");
+    println!("  {:.1} times as fast as the source", source.timing.mean / levels.timing.mean);
 }

@@ -5,26 +5,50 @@ use std::path::Path;
 use std::{fs, io};
 
 use bevy::math::{Quat, Vec2, Vec3};
+use bevy::prelude::Component;
 use serde_json::{Value, json};
 
 use super::shapes::{Kind, Shape, chance, kinds};
 
-/// The name of the file.
-pub(crate) const FILE: &str = "village.glb";
-
 /// Radius of the village in metres.
 pub(crate) const RADIUS: f32 = 62.0;
 
-/// The settings of the file: levels for each object, the smallest of which share their textures, two levels for all of them,
-/// and what makes the first start quick.
-const META: &str = r#"(
+/// What the levels of a village stand for. There is a file for each.
+#[derive(Component, Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum LevelsOf {
+    /// Each object has levels. The smallest share their textures, and two stand for all objects.
+    Objects,
+    /// The whole file has levels, as by default.
+    File,
+}
+
+impl LevelsOf {
+    /// The name of the file.
+    fn file(self) -> &'static str {
+        match self {
+            Self::Objects => "village.glb",
+            Self::File => "village_one_level.glb",
+        }
+    }
+
+    /// The scene of the file.
+    pub(crate) fn path(self) -> String {
+        format!("{}#Scene0", self.file())
+    }
+
+    /// The settings of the file: what makes the difference, and what makes the first start quick.
+    fn meta(self) -> String {
+        let own = match self {
+            Self::Objects => "scope: Objects, whole: [1000, 4000], shared_atlas: 1024",
+            Self::File => "faces: [1000, 4000]",
+        };
+        format!(
+            r#"(
     meta_format_version: "1.0",
     asset: Process(
         processor: "bevy_simpliguard::SimpliguardProcess",
         settings: (
-            scope: Objects,
-            whole: [1000, 4000],
-            shared_atlas: 1024,
+            {own},
             quality: Draft,
             candidates: Source,
             texture_size: 256,
@@ -33,17 +57,23 @@ const META: &str = r#"(
         ),
     ),
 )
-"#;
+"#
+        )
+    }
+}
 
-/// Writes the file and its settings into a folder. Files that are there already stay as they are.
+/// Writes the files and their settings into a folder. Files that are there already stay as they are.
 pub(crate) fn write(folder: &Path) -> io::Result<()> {
     fs::create_dir_all(folder)?;
-    for (name, content) in [(FILE.to_owned(), glb()?), (format!("{FILE}.meta"), META.as_bytes().to_vec())] {
-        let path = folder.join(name);
-        if fs::read(&path).is_ok_and(|there| there == content) {
-            continue;
+    let scene = glb()?;
+    for levels in [LevelsOf::Objects, LevelsOf::File] {
+        let file = levels.file();
+        for (name, content) in [(file.to_owned(), &scene[..]), (format!("{file}.meta"), levels.meta().as_bytes())] {
+            let path = folder.join(name);
+            if !fs::read(&path).is_ok_and(|there| there == content) {
+                fs::write(path, content)?;
+            }
         }
-        fs::write(path, content)?;
     }
     Ok(())
 }
