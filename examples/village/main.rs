@@ -74,8 +74,10 @@ impl Place {
 fn main() -> AppExit {
     let options = Options::parse();
     let folder = FileAssetReader::get_base_path().join(FOLDER).join("assets");
-    if let Err(error) = scene::write(&folder) {
-        return fail(&folder, &error);
+    for levels in [LevelsOf::Objects, LevelsOf::File] {
+        if let Err(error) = scene::write(&folder, levels) {
+            return fail(&folder, &error);
+        }
     }
     let window = Window {
         title: "village".into(),
@@ -117,9 +119,13 @@ fn setup(
     mut meshes: ResMut<Assets<Mesh>>,
     mut materials: ResMut<Assets<StandardMaterial>>,
 ) {
-    commands.spawn((WorldAssetRoot(server.load(LevelsOf::Objects.path())), LevelsOf::Objects));
+    let village = |levels: LevelsOf| {
+        let scene = GltfAssetLabel::Scene(0).from_asset(levels.file());
+        (WorldAssetRoot(server.load(scene)), levels)
+    };
+    commands.spawn(village(LevelsOf::Objects));
     if !options.stay {
-        commands.spawn((WorldAssetRoot(server.load(LevelsOf::File.path())), LevelsOf::File, Visibility::Hidden));
+        commands.spawn((village(LevelsOf::File), Visibility::Hidden));
     }
     let fog = DistanceFog {
         color: AIR,

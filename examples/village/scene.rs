@@ -24,16 +24,11 @@ pub(crate) enum LevelsOf {
 
 impl LevelsOf {
     /// The name of the file.
-    fn file(self) -> &'static str {
+    pub(crate) const fn file(self) -> &'static str {
         match self {
             Self::Objects => "village.glb",
             Self::File => "village_one_level.glb",
         }
-    }
-
-    /// The scene of the file.
-    pub(crate) fn path(self) -> String {
-        format!("{}#Scene0", self.file())
     }
 
     /// The settings of the file: what makes the difference, and what makes the first start quick.
@@ -62,17 +57,14 @@ impl LevelsOf {
     }
 }
 
-/// Writes the files and their settings into a folder. Files that are there already stay as they are.
-pub(crate) fn write(folder: &Path) -> io::Result<()> {
+/// Writes a file and its settings into a folder. What is there already stays as it is.
+pub(crate) fn write(folder: &Path, levels: LevelsOf) -> io::Result<()> {
     fs::create_dir_all(folder)?;
-    let scene = glb()?;
-    for levels in [LevelsOf::Objects, LevelsOf::File] {
-        let file = levels.file();
-        for (name, content) in [(file.to_owned(), &scene[..]), (format!("{file}.meta"), levels.meta().as_bytes())] {
-            let path = folder.join(name);
-            if !fs::read(&path).is_ok_and(|there| there == content) {
-                fs::write(path, content)?;
-            }
+    let file = levels.file();
+    for (name, content) in [(file.to_owned(), glb()?), (format!("{file}.meta"), levels.meta().into_bytes())] {
+        let path = folder.join(name);
+        if !fs::read(&path).is_ok_and(|there| there == content) {
+            fs::write(path, content)?;
         }
     }
     Ok(())

@@ -9,12 +9,16 @@ use std::borrow::Cow;
 use std::fs;
 use std::path::Path;
 
-pub(crate) use scene::{FILE, RADIUS};
+use scene::LevelsOf;
+pub(crate) use scene::RADIUS;
 use serde_json::Value;
+
+/// The name of the file.
+pub(crate) const FILE: &str = LevelsOf::Objects.file();
 
 /// Writes the file with its settings into a folder; returns its bytes.
 pub(crate) fn write(folder: &Path) -> Vec<u8> {
-    scene::write(folder).expect("writes");
+    scene::write(folder, LevelsOf::Objects).expect("writes");
     fs::read(folder.join(FILE)).expect("was written")
 }
 
