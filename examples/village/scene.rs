@@ -34,7 +34,7 @@ impl LevelsOf {
     /// The settings of the file: what makes the difference, and what makes the first start quick.
     fn meta(self) -> String {
         let own = match self {
-            Self::Objects => "scope: Objects, whole: [1000, 4000], shared_atlas: 1024",
+            Self::Objects => "scope: Objects, candidates: Source, whole: [1000, 4000], shared_atlas: 1024",
             Self::File => "faces: [1000, 4000]",
         };
         format!(
@@ -45,7 +45,6 @@ impl LevelsOf {
         settings: (
             {own},
             quality: Draft,
-            candidates: Source,
             texture_size: 256,
             views: 16,
             view_size: 256,

@@ -24,7 +24,16 @@ pub(super) struct OrientedBox {
 impl OrientedBox {
     /// The box along the principal axes.
     pub(super) fn around(points: &[Vec3]) -> Self {
-        Self::along(principal_axes(points), points)
+        Self::along(principal_axes(covariance(points)), points)
+    }
+
+    /// The box of least extent across `normal`, whose middle plane goes through `centre`.
+    pub(super) fn across(normal: Vec3, centre: Vec3, points: &[Vec3]) -> Self {
+        let (x, y) = normal.any_orthonormal_pair();
+        let around = Self::along(Mat3::from_cols(x, y, normal), points).turned(points);
+        let offset = (centre - around.centre).dot(normal);
+        let half = Vec3 { z: around.half.z + offset.abs(), ..around.half };
+        Self { centre: around.centre + normal * offset, half, ..around }
     }
 
     fn along(axes: Mat3, points: &[Vec3]) -> Self {
@@ -62,13 +71,18 @@ impl OrientedBox {
     }
 }
 
-/// Orthonormal, right-handed axes of points, by falling variance (Jacobi's method on the covariance).
-fn principal_axes(points: &[Vec3]) -> Mat3 {
+/// The covariance of points, times their number.
+fn covariance(points: &[Vec3]) -> Mat3 {
     let mean = points.iter().sum::<Vec3>() / points.len().max(1) as f32;
     let mut a = Mat3::ZERO;
     for d in points.iter().map(|p| *p - mean) {
         a += Mat3::from_cols(d * d.x, d * d.y, d * d.z);
     }
+    a
+}
+
+/// Orthonormal, right-handed eigenvectors of a symmetric matrix, by falling eigenvalues (Jacobi's method).
+pub(super) fn principal_axes(mut a: Mat3) -> Mat3 {
     let mut axes = Mat3::IDENTITY;
     for _ in 0..8 {
         for (p, q) in [(0, 1), (0, 2), (1, 2)] {
@@ -95,11 +109,11 @@ fn principal_axes(points: &[Vec3]) -> Mat3 {
 }
 
 #[cfg(test)]
-pub(super) mod tests {
+mod tests {
     use super::*;
 
     /// The corners of a slab of 4 x 2 x 0.5, turned.
-    pub(in crate::simplify) fn slab() -> Vec<Vec3> {
+    fn slab() -> Vec<Vec3> {
         let turn = glam::Quat::from_xyzw(0.2, 0.4, 0.1, 0.8).normalize();
         (0..8)
             .map(|i| turn * Vec3::new((i & 1) as f32 * 4.0, (i >> 1 & 1) as f32 * 2.0, (i >> 2) as f32 * 0.5))

@@ -320,7 +320,7 @@ mod tests {
         ];
         assert_eq!(
             (PIPELINE_VERSION, keys.map(|key| key.hex()[..16].to_owned())),
-            ("22", ["ab5ec194669e8236", "9990762d5ad97199"].map(str::to_owned))
+            ("23", ["59b4825ef0d31b19", "c46e8cd22dab3386"].map(str::to_owned))
         );
     }
 }

@@ -1,13 +1,13 @@
 //! Foliage: thousands of small flat components become a few hundred cards, after billboard clouds (Décoret et al.
 //! 2003).
 //!
-//! An opaque low-poly surface around a crown of leaves is a blob. Instead, neighbouring leaves are grouped: the crown
-//! is halved at medians until there are enough groups. Each group is replaced by the rectangle in its plane of least
-//! extent. The texture of the rectangle shows the group along the plane's normal, cut out by alpha. The rest of the
-//! source, such as the trunk, collapses as usual.
+//! An opaque low-poly surface around a crown of leaves is a blob. Instead, leaves that lie near one plane are grouped, and
+//! each group is replaced by a rectangle in its plane. The texture of the rectangle shows the group along the plane's
+//! normal, cut out by alpha. The rest of the source, such as the trunk, collapses as usual.
 
 use glam::Vec3;
 
+use super::leaf_groups::{self, Moments};
 use crate::data::{Candidate, Cards, NO_CARD, TriMesh, bounds};
 use crate::geometry::{face_components, group_by_component};
 use crate::simplify::budgets::simplify_to_budgets;
@@ -25,12 +25,12 @@ const LEAF_SIZE: f32 = 0.25;
 const TWIG_SIZE: f32 = 0.6;
 /// Largest fraction of a cut-out component that is not cut out.
 const TWIG_OPACITY: f32 = 0.85;
-/// Largest thickness of a leaf, as a fraction of its middle extent.
-const LEAF_THICKNESS: f32 = 0.35;
+/// Least flatness of a leaf, more than that of a tube: petals and blades of grass are bent.
+const FLATNESS: f64 = 0.6;
 /// Fewest leaves of a foliage.
-const LEAVES: usize = 300;
+const LEAVES: usize = 100;
 /// Least fraction of the visible pixels that leaves cover.
-const LEAF_PIXELS: f64 = 0.25;
+const LEAF_PIXELS: f64 = 0.5;
 /// Fraction of the budget for the rest of the source.
 const TRUNK: f64 = 0.3;
 
@@ -71,8 +71,10 @@ impl Foliage {
                 component.iter().map(|&t| area(t) * opaque.opacity[welded_from[t as usize] as usize]).sum();
             opaque / component.iter().map(|&t| area(t)).sum::<f32>().max(f32::MIN_POSITIVE)
         };
-        let is_leaf =
-            |component: &Vec<u32>| is_leaf(&corners(&mesh, component), opacity(component) < TWIG_OPACITY, radius);
+        let is_leaf = |component: &Vec<u32>| {
+            let triangles: Vec<[Vec3; 3]> = component.iter().map(|&t| mesh.corners(t as usize)).collect();
+            is_leaf(&triangles, opacity(component) < TWIG_OPACITY, radius)
+        };
         let leaves: Vec<Vec<u32>> = components.into_iter().filter(is_leaf).collect();
         if leaves.len() < LEAVES {
             return None;
@@ -95,22 +97,24 @@ impl Foliage {
 
     /// The trunk, collapsed, and cards for the rest of the budget.
     fn shape(&self, inputs: &Inputs<'_>, params: &SimplifyParams, budget: u32) -> Shape {
-        let mut mesh = self.trunk(inputs, params, (f64::from(budget) * TRUNK) as u32);
+        // What leaves cannot use is for the trunk.
+        let least = budget.saturating_sub(2 * self.leaves.len() as u32);
+        let mut mesh = self.trunk(inputs, params, least.max((f64::from(budget) * TRUNK) as u32));
         let mut cards = Cards {
             group: vec![NO_CARD; mesh.triangles.len()],
             source_group: vec![NO_CARD; inputs.model.surface.triangles.len()],
             reach: Vec::new(),
         };
-        let centres: Vec<(Vec3, u32)> = self.leaves.iter().zip(0..).map(|(leaf, i)| (self.centre(leaf), i)).collect();
-        let groups = halve(centres, (budget as usize - mesh.triangles.len()) / 2);
-        for (group, leaves) in groups.iter().enumerate() {
-            let triangles: Vec<u32> = leaves.iter().flat_map(|&l| &self.leaves[l as usize]).copied().collect();
+        let n = (budget as usize - mesh.triangles.len()) / 2;
+        let groups = leaf_groups::group(&self.moments(), n, self.leaf_size());
+        for (group, number) in groups.iter().zip(0..) {
+            let triangles: Vec<u32> = group.leaves.iter().flat_map(|&l| &self.leaves[l as usize]).copied().collect();
             for &t in &triangles {
-                cards.source_group[self.source[t as usize] as usize] = group as u32;
+                cards.source_group[self.source[t as usize] as usize] = number;
             }
-            let around = OrientedBox::around(&corners(&self.mesh, &triangles));
+            let around = OrientedBox::across(group.normal, group.centre, &corners(&self.mesh, &triangles));
             cards.reach.push(around.add_rectangle(&mut mesh));
-            cards.group.extend([group as u32; 2]);
+            cards.group.extend([number; 2]);
         }
         Shape { cards: Some(cards), ..Shape::unscored(mesh, true, Candidate::Cards, Shortfall::Leaves) }
     }
@@ -130,69 +134,81 @@ impl Foliage {
         shapes.into_iter().map(|s| s.mesh).find(|m| m.triangles.len() <= budget as usize).unwrap_or_default()
     }
 
-    fn centre(&self, leaf: &[u32]) -> Vec3 {
-        let points = corners(&self.mesh, leaf);
-        points.iter().sum::<Vec3>() / points.len() as f32
+    /// Sums over the triangles of each leaf.
+    fn moments(&self) -> Vec<Moments> {
+        let of_leaf = |leaf: &Vec<u32>| {
+            let mut sum = Moments::ZERO;
+            for &t in leaf {
+                // Leaves that no view shows go with the others.
+                let weight = f64::from(self.pixels[t as usize]) + 0.01;
+                sum.add(&Moments::of_triangle(self.mesh.corners(t as usize), weight));
+            }
+            sum
+        };
+        self.leaves.iter().map(of_leaf).collect()
+    }
+
+    /// The median of the sizes of the leaves.
+    fn leaf_size(&self) -> f64 {
+        let size = |leaf: &Vec<u32>| {
+            let (low, high) = bounds(&corners(&self.mesh, leaf));
+            low.distance(high)
+        };
+        let mut sizes: Vec<f32> = self.leaves.iter().map(size).collect();
+        sizes.sort_unstable_by(f32::total_cmp);
+        f64::from(sizes[sizes.len() / 2].max(f32::MIN_POSITIVE))
     }
 }
 
-/// True if a component with these corners is a leaf: small and flat, or small and cut out. `radius` is that of the bounding
-/// sphere of the source.
-fn is_leaf(corners: &[Vec3], is_cut_out: bool, radius: f32) -> bool {
-    let (low, high) = bounds(corners);
+/// True if a component is a leaf: small and flat, or small and cut out. `radius` is that of the bounding sphere of the source.
+fn is_leaf(triangles: &[[Vec3; 3]], is_cut_out: bool, radius: f32) -> bool {
+    let (low, high) = bounds(triangles.as_flattened());
     let size = low.distance(high);
-    if is_cut_out {
-        return size <= TWIG_SIZE * radius;
+    if is_cut_out { size <= TWIG_SIZE * radius } else { size <= LEAF_SIZE * radius && flatness(triangles) >= FLATNESS }
+}
+
+/// How flat triangles are together: 1 in a plane, 1/2 around a tube, 1/3 around a ball.
+fn flatness(triangles: &[[Vec3; 3]]) -> f64 {
+    let mut sum = Moments::ZERO;
+    for &[a, b, c] in triangles {
+        let area = (b - a).cross(c - a).length();
+        sum.add(&Moments::of_triangle([a, b, c], f64::from(area)));
     }
-    let half = OrientedBox::around(corners).half;
-    size <= LEAF_SIZE * radius && half.z <= LEAF_THICKNESS * half.y
+    sum.flatness()
 }
 
 fn corners(mesh: &TriMesh, triangles: &[u32]) -> Vec<Vec3> {
     triangles.iter().flat_map(|&t| mesh.corners(t as usize)).collect()
 }
 
-/// Groups points: halves the largest group at the median of its longest extent until there are `n` groups. The number
-/// beside a point identifies it in the result.
-fn halve(points: Vec<(Vec3, u32)>, n: usize) -> Vec<Vec<u32>> {
-    let mut groups = vec![points];
-    while groups.len() < n {
-        let Some(i) = (0..groups.len()).max_by_key(|&i| (groups[i].len(), std::cmp::Reverse(i))) else { break };
-        if groups[i].len() < 2 {
-            break;
-        }
-        let mut group = groups.swap_remove(i);
-        let positions: Vec<Vec3> = group.iter().map(|p| p.0).collect();
-        let (low, high) = bounds(&positions);
-        let axis = (high - low).max_position();
-        group.sort_by(|a, b| a.0[axis].total_cmp(&b.0[axis]).then(a.1.cmp(&b.1)));
-        let upper = group.split_off(group.len() / 2);
-        groups.extend([group, upper]);
-    }
-    groups.into_iter().filter(|g| !g.is_empty()).map(|g| g.into_iter().map(|p| p.1).collect()).collect()
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::simplify::oriented_box::tests::slab;
 
-    #[test]
-    fn leaves_are_small_and_flat_or_small_and_cut_out() {
-        // The diagonal of the slab's bounding box is between 4.6 and 6.9.
-        let is_leaf_of = |is_cut_out, radius| is_leaf(&slab(), is_cut_out, radius);
-        assert!(is_leaf_of(false, 30.0) && is_leaf_of(true, 30.0));
-        assert!(!is_leaf_of(false, 12.0) && is_leaf_of(true, 12.0));
-        assert!(!is_leaf_of(true, 5.0));
-        let cube: Vec<Vec3> = (0..8).map(|i| Vec3::new((i & 1) as f32, (i >> 1 & 1) as f32, (i >> 2) as f32)).collect();
-        assert!(!is_leaf(&cube, false, 30.0) && is_leaf(&cube, true, 30.0));
+    /// A long strip of two squares that are bent by an angle at their common side.
+    fn blade(bend: f32) -> Vec<[Vec3; 3]> {
+        let (sin, cos) = bend.sin_cos();
+        let row = |x: f32, z: f32| [Vec3::new(x, 0.0, z), Vec3::new(x, 1.0, z)];
+        let [[a, b], [c, d], [e, f]] = [row(-1.0, 0.0), row(0.0, 0.0), row(cos, sin)];
+        vec![[a, c, d], [a, d, b], [c, e, f], [c, f, d]]
     }
 
     #[test]
-    fn halving_gives_groups_of_neighbours() {
-        let points = (0..8).map(|i| (Vec3::new(i as f32, 0.0, 0.0), i)).collect();
-        let mut groups = halve(points, 4);
-        groups.sort();
-        assert_eq!(groups, [[0, 1], [2, 3], [4, 5], [6, 7]]);
+    fn what_is_bent_a_little_is_flat() {
+        // Two equal parts, each turned from the mean by half the angle.
+        for (bend, expected) in [(0.0, 1.0), (0.6, 0.3_f64.cos().powi(2)), (std::f32::consts::FRAC_PI_2, 0.5)] {
+            let flatness = flatness(&blade(bend));
+            assert!((flatness - expected).abs() < 1e-4, "{bend}: {flatness}");
+        }
+    }
+
+    #[test]
+    fn leaves_are_small_and_flat_or_small_and_cut_out() {
+        // The diagonal of the bent blade's bounding box is between 2.1 and 2.3.
+        let (bent, folded) = (blade(0.6), blade(std::f32::consts::FRAC_PI_2));
+        assert!(is_leaf(&bent, false, 10.0) && !is_leaf(&folded, false, 10.0));
+        assert!(is_leaf(&bent, true, 10.0) && is_leaf(&folded, true, 10.0));
+        assert!(!is_leaf(&bent, false, 8.0) && is_leaf(&bent, true, 8.0));
+        assert!(!is_leaf(&bent, true, 3.0));
     }
 }
