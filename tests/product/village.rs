@@ -1,6 +1,7 @@
 //! The scene of the example `village`: 300 objects of 20 meshes.
 
 #[path = "../../examples/village/scene.rs"]
+#[expect(dead_code, reason = "of the example's two files, one is used here")]
 mod scene;
 #[path = "../../examples/village/shapes.rs"]
 mod shapes;

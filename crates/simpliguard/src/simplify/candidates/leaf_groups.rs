@@ -303,7 +303,7 @@ mod tests {
     #[test]
     fn leaves_at_one_place_are_told_apart_by_their_normals() {
         // Blades of two directions, in turns along a line.
-        let blade = |i: u32| leaf(Vec3::X * i as f32 * 0.1, if i % 2 == 0 { LEVEL } else { UPRIGHT });
+        let blade = |i: u32| leaf(Vec3::X * i as f32 * 0.1, if i.is_multiple_of(2) { LEVEL } else { UPRIGHT });
         let leaves: Vec<Moments> = (0..12).map(blade).collect();
         let even_and_odd: [Vec<u32>; 2] = [0, 1].map(|first| (first..12).step_by(2).collect());
         assert_eq!(members(&group(&leaves, 2, 1.0)), even_and_odd);
