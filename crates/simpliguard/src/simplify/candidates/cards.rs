@@ -31,7 +31,7 @@ const FLATNESS: f64 = 0.6;
 const LEAVES: usize = 100;
 /// Least fraction of the visible pixels that leaves cover.
 const LEAF_PIXELS: f64 = 0.5;
-/// Fraction of the budget for the rest of the source.
+/// Fraction of the budget for the rest of the source, or more.
 const TRUNK: f64 = 0.3;
 
 /// A source divided into leaves and a trunk, which is all the rest.
@@ -97,9 +97,9 @@ impl Foliage {
 
     /// The trunk, collapsed, and cards for the rest of the budget.
     fn shape(&self, inputs: &Inputs<'_>, params: &SimplifyParams, budget: u32) -> Shape {
-        // What leaves cannot use is for the trunk.
-        let least = budget.saturating_sub(2 * self.leaves.len() as u32);
-        let mut mesh = self.trunk(inputs, params, least.max((f64::from(budget) * TRUNK) as u32));
+        // The trunk also gets what leaves cannot use.
+        let unused = budget.saturating_sub(2 * self.leaves.len() as u32);
+        let mut mesh = self.trunk(inputs, params, unused.max((f64::from(budget) * TRUNK) as u32));
         let mut cards = Cards {
             group: vec![NO_CARD; mesh.triangles.len()],
             source_group: vec![NO_CARD; inputs.model.surface.triangles.len()],
@@ -134,27 +134,17 @@ impl Foliage {
         shapes.into_iter().map(|s| s.mesh).find(|m| m.triangles.len() <= budget as usize).unwrap_or_default()
     }
 
-    /// Sums over the triangles of each leaf.
+    /// Sums over the triangles of each leaf, by how much of them is seen.
     fn moments(&self) -> Vec<Moments> {
-        let of_leaf = |leaf: &Vec<u32>| {
-            let mut sum = Moments::ZERO;
-            for &t in leaf {
-                // Leaves that no view shows go with the others.
-                let weight = f64::from(self.pixels[t as usize]) + 0.01;
-                sum.add(&Moments::of_triangle(self.mesh.corners(t as usize), weight));
-            }
-            sum
-        };
-        self.leaves.iter().map(of_leaf).collect()
+        // Leaves that no view shows go with the others.
+        let weight = |t: u32| f64::from(self.pixels[t as usize]) + 0.01;
+        let of_triangle = |&t: &u32| Moments::of_triangle(self.mesh.corners(t as usize), weight(t));
+        self.leaves.iter().map(|leaf| leaf.iter().map(of_triangle).sum()).collect()
     }
 
     /// The median of the sizes of the leaves.
     fn leaf_size(&self) -> f64 {
-        let size = |leaf: &Vec<u32>| {
-            let (low, high) = bounds(&corners(&self.mesh, leaf));
-            low.distance(high)
-        };
-        let mut sizes: Vec<f32> = self.leaves.iter().map(size).collect();
+        let mut sizes: Vec<f32> = self.leaves.iter().map(|leaf| size(&corners(&self.mesh, leaf))).collect();
         sizes.sort_unstable_by(f32::total_cmp);
         f64::from(sizes[sizes.len() / 2].max(f32::MIN_POSITIVE))
     }
@@ -162,19 +152,23 @@ impl Foliage {
 
 /// True if a component is a leaf: small and flat, or small and cut out. `radius` is that of the bounding sphere of the source.
 fn is_leaf(triangles: &[[Vec3; 3]], is_cut_out: bool, radius: f32) -> bool {
-    let (low, high) = bounds(triangles.as_flattened());
-    let size = low.distance(high);
+    let size = size(triangles.as_flattened());
     if is_cut_out { size <= TWIG_SIZE * radius } else { size <= LEAF_SIZE * radius && flatness(triangles) >= FLATNESS }
 }
 
 /// How flat triangles are together: 1 in a plane, 1/2 around a tube, 1/3 around a ball.
 fn flatness(triangles: &[[Vec3; 3]]) -> f64 {
-    let mut sum = Moments::ZERO;
-    for &[a, b, c] in triangles {
+    let by_area = |&[a, b, c]: &[Vec3; 3]| {
         let area = (b - a).cross(c - a).length();
-        sum.add(&Moments::of_triangle([a, b, c], f64::from(area)));
-    }
-    sum.flatness()
+        Moments::of_triangle([a, b, c], f64::from(area))
+    };
+    triangles.iter().map(by_area).sum::<Moments>().flatness()
+}
+
+/// The diagonal of the bounding box.
+fn size(points: &[Vec3]) -> f32 {
+    let (low, high) = bounds(points);
+    low.distance(high)
 }
 
 fn corners(mesh: &TriMesh, triangles: &[u32]) -> Vec<Vec3> {

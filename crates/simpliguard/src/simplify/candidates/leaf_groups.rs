@@ -8,6 +8,7 @@
 
 use std::cmp::Ordering;
 use std::collections::BinaryHeap;
+use std::iter::Sum;
 
 use glam::{DMat3, DVec3, Mat3, Vec3};
 use rayon::prelude::*;
@@ -23,7 +24,7 @@ const CUTS: [f64; 3] = [0.3, 0.5, 0.7];
 /// Rounds in which leaves move to the group that suits them best.
 const ROUNDS: usize = 4;
 
-/// Sums over triangles, weighted by how much of them is seen.
+/// Sums over triangles, by their weights.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Moments {
     weight: f64,
@@ -36,7 +37,7 @@ pub(super) struct Moments {
 
 impl Moments {
     /// Those of nothing.
-    pub(super) const ZERO: Self = Self { weight: 0.0, sum: DVec3::ZERO, squares: DMat3::ZERO, normals: DMat3::ZERO };
+    const ZERO: Self = Self { weight: 0.0, sum: DVec3::ZERO, squares: DMat3::ZERO, normals: DMat3::ZERO };
 
     /// Those of a triangle of this weight.
     pub(super) fn of_triangle(corners: [Vec3; 3], weight: f64) -> Self {
@@ -47,7 +48,7 @@ impl Moments {
         Self { weight, sum: centre * weight, squares: squares * weight, normals: outer(normal) * weight }
     }
 
-    pub(super) fn add(&mut self, other: &Self) {
+    fn add(&mut self, other: &Self) {
         self.weight += other.weight;
         self.sum += other.sum;
         self.squares += other.squares;
@@ -91,6 +92,15 @@ impl Moments {
         let trace = scatter.x_axis.x + scatter.y_axis.y + scatter.z_axis.z;
         let error = normal.dot(form * normal) + TURN * self.weight + SPREAD * trace / (size * size);
         (Plane { centre: self.centre(), normal }, error)
+    }
+}
+
+impl Sum for Moments {
+    fn sum<I: Iterator<Item = Self>>(parts: I) -> Self {
+        parts.fold(Self::ZERO, |mut sum, part| {
+            sum.add(&part);
+            sum
+        })
     }
 }
 
@@ -247,10 +257,7 @@ fn order(group: &[u32], leaves: &[Moments], key: impl Fn(&Moments) -> f64) -> Ve
 }
 
 fn sum(group: &[u32], leaves: &[Moments]) -> Moments {
-    group.iter().fold(Moments::ZERO, |mut sum, &leaf| {
-        sum.add(&leaves[leaf as usize]);
-        sum
-    })
+    group.iter().map(|&leaf| leaves[leaf as usize]).sum()
 }
 
 /// Orthonormal eigenvectors of a symmetric matrix, by falling eigenvalues.
@@ -324,10 +331,7 @@ mod tests {
 
     #[test]
     fn the_error_of_a_plane_is_the_turn_and_the_distance() {
-        let flat = layer(3, 0.0).iter().fold(Moments::ZERO, |mut sum, leaf| {
-            sum.add(leaf);
-            sum
-        });
+        let flat: Moments = layer(3, 0.0).into_iter().sum();
         let (plane, error) = flat.plane(1.0);
         assert!(plane.normal.y.abs() > 0.9999);
         // What is left is the spread: 12 over the centres, and that of each leaf around its own.
