@@ -27,6 +27,7 @@ mod score;
 mod select;
 mod shape;
 mod simplify_input;
+mod stitch;
 mod unit_sphere;
 mod visibility;
 mod walls;

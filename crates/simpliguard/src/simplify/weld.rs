@@ -7,6 +7,8 @@ use glam::Vec3;
 use crate::data::{TriMesh, bounds};
 use crate::geometry::{DisjointSets, Topology, first_coincident, sorted_half_edges};
 
+use super::stitch::stitched;
+
 /// Distance by which coincident vertices are moved apart, as a fraction of the radius of the bounding sphere.
 pub(super) const COINCIDENT_OFFSET: f32 = 2e-5;
 
@@ -19,6 +21,22 @@ const ROUNDS: usize = 8;
 /// along edges of two triangles with opposite windings, and at pinched vertices. Returns the mesh, and for each of its
 /// triangles the index in the soup; degenerate triangles are left out.
 pub(super) fn weld(positions: &[Vec3], triangles: &[[u32; 3]]) -> (TriMesh, Vec<u32>) {
+    let (mesh, source) = merged(positions, triangles);
+    (cut(&mesh), source)
+}
+
+/// Welds as [`weld`] does, and joins the borders of patches that nearly meet, so that a collapse opens no gap between them.
+pub(super) fn weld_patches(positions: &[Vec3], triangles: &[[u32; 3]]) -> (TriMesh, Vec<u32>) {
+    let (mut mesh, source) = merged(positions, triangles);
+    let stands_for = stitched(&mesh.positions, &mesh.triangles);
+    for corner in mesh.triangles.iter_mut().flatten() {
+        *corner = stands_for[*corner as usize];
+    }
+    (cut(&mesh), source)
+}
+
+/// The triangles with one vertex for each place, without degenerate ones, and for each its index in the soup.
+fn merged(positions: &[Vec3], triangles: &[[u32; 3]]) -> (TriMesh, Vec<u32>) {
     let place = places(positions);
     let mut ids: HashMap<[i64; 3], u32> = HashMap::with_capacity(positions.len());
     let mut merged = Vec::new();
@@ -40,7 +58,7 @@ pub(super) fn weld(positions: &[Vec3], triangles: &[[u32; 3]]) -> (TriMesh, Vec<
             source.push(t as u32);
         }
     }
-    (cut(&mesh), source)
+    (mesh, source)
 }
 
 /// The place of each point among `positions`: those of one place are merged.
