@@ -256,8 +256,8 @@ fn a_camera_that_comes_fast_finds_the_source_there() {
 
 #[test]
 fn sources_keep_to_the_budget_and_the_nearest_comes_first() {
-    let mut game = Game::new(&[Vec3::ZERO, Vec3::X * 0.6], true);
-    game.look_at_from(Vec3::new(-0.6, 0.0, 0.0));
+    let mut game = Game::new(&[Vec3::ZERO, Vec3::X * 0.4], true);
+    game.look_at_from(Vec3::new(-0.4, 0.0, 0.0));
     game.run_until("both", |game| game.stats().resident == 2);
     let bytes = game.stats().bytes;
     // One has to go, the other stays.
@@ -268,7 +268,7 @@ fn sources_keep_to_the_budget_and_the_nearest_comes_first() {
     assert_eq!(game.stats().bytes, bytes / 2);
     game.run_for(1.0);
     assert_eq!([0, 1].map(|i| game.current(i) == 0), [true, false]);
-    game.look_at_from(Vec3::new(1.2, 0.0, 0.0));
+    game.look_at_from(Vec3::new(0.8, 0.0, 0.0));
     game.run_until("the other", |game| game.current(1) == 0);
     assert_eq!([0, 1].map(|i| game.current(i) == 0), [false, true]);
     game.settings().budget = bytes / 2 - 1;
