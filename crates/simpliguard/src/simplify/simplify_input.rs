@@ -59,8 +59,7 @@ fn candidate_mesh(inputs: &Inputs<'_>, candidate: Candidate) -> (TriMesh, Vec<bo
         }
         // Cards begin with the source's own triangles.
         Candidate::Source | Candidate::Cards => {
-            let weld = if matches!(candidate, Candidate::Source) { weld::weld_patches } else { weld::weld };
-            let (mesh, welded_from) = weld(&opaque.mesh.positions, &opaque.mesh.triangles);
+            let (mesh, welded_from) = weld::weld_patches(&opaque.mesh.positions, &opaque.mesh.triangles);
             let two_sided =
                 welded_from.iter().map(|&t| inputs.model.material_of(opaque.source[t as usize]).double_sided);
             (mesh, two_sided.collect())

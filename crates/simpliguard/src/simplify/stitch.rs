@@ -1,7 +1,7 @@
-//! Joins the borders of patches that nearly meet.
+//! Joins the boundaries of patches that nearly meet.
 //!
-//! Scans and tessellated CAD come as patches whose borders differ by less than a pixel. A collapse moves each border on its
-//! own, so that gaps open between them.
+//! Scans and tessellated CAD come as patches whose boundaries differ by less than a pixel. A collapse moves each boundary on
+//! its own, so that gaps open.
 
 use std::collections::{HashMap, HashSet};
 
@@ -10,38 +10,38 @@ use glam::Vec3;
 use crate::data::bounds;
 use crate::geometry::sorted_half_edges;
 
-/// Longest distance between vertices of two borders that are joined, as a fraction of the longest side of the bounding
+/// Longest distance by which a vertex moves, as a fraction of the longest side of the bounding
 /// box: a tenth of a pixel in a picture of 512.
 const STITCH: f32 = 2e-4;
 
-/// The vertex that stands for each vertex: itself, or for one on a border, the nearest earlier one on a border that it is
-/// joined to. No triangle loses a corner by it.
+/// The vertex that replaces each vertex. Most stay. One on a boundary is replaced by the nearest earlier one on a boundary
+/// within reach that stays. No triangle loses a corner.
 pub(super) fn stitched(positions: &[Vec3], triangles: &[[u32; 3]]) -> Vec<u32> {
-    let mut stands_for: Vec<u32> = (0..positions.len() as u32).collect();
-    let border = border_vertices(triangles);
+    let mut replaced_by: Vec<u32> = (0..positions.len() as u32).collect();
+    let boundary = boundary_vertices(triangles);
     let (low, high) = bounds(positions);
     let reach = ((high - low).max_element() * STITCH).max(f32::MIN_POSITIVE);
     let cell_of = |p: Vec3| ((p - low) / reach).as_ivec3().to_array();
-    let neighbours = neighbours(triangles, &border);
+    let neighbours = neighbours(triangles, &boundary);
     let mut cells: HashMap<[i32; 3], Vec<u32>> = HashMap::new();
-    for &v in &border {
+    for &v in &boundary {
         let p = positions[v as usize];
-        let taken: HashSet<u32> = neighbours[&v].iter().map(|&n| stands_for[n as usize]).collect();
+        let taken: HashSet<u32> = neighbours[&v].iter().map(|&n| replaced_by[n as usize]).collect();
         let near = around(cell_of(p)).filter_map(|cell| cells.get(&cell)).flatten().copied();
         let distance = |r: u32| positions[r as usize].distance(p);
         match near
             .filter(|&r| distance(r) <= reach && !taken.contains(&r))
             .min_by(|&a, &b| distance(a).total_cmp(&distance(b)).then(a.cmp(&b)))
         {
-            Some(nearest) => stands_for[v as usize] = nearest,
+            Some(nearest) => replaced_by[v as usize] = nearest,
             None => cells.entry(cell_of(p)).or_default().push(v),
         }
     }
-    stands_for
+    replaced_by
 }
 
 /// The vertices of edges with one triangle, in order.
-fn border_vertices(triangles: &[[u32; 3]]) -> Vec<u32> {
+fn boundary_vertices(triangles: &[[u32; 3]]) -> Vec<u32> {
     let half_edges = sorted_half_edges(triangles);
     let single = half_edges.chunk_by(|a, b| a.edge == b.edge).filter(|run| run.len() == 1);
     let mut vertices: Vec<u32> = single.flat_map(|run| [run[0].edge.0, run[0].edge.1]).collect();
@@ -72,7 +72,7 @@ fn around([x, y, z]: [i32; 3]) -> impl Iterator<Item = [i32; 3]> {
 mod tests {
     use super::*;
 
-    /// Two triangles of a unit square whose borders are `gap` apart.
+    /// Two triangles of a unit square whose boundaries are `gap` apart.
     fn cracked(gap: f32) -> (Vec<Vec3>, Vec<[u32; 3]>) {
         let moved = Vec3::new(gap, gap, 0.0);
         let positions = vec![Vec3::ZERO, Vec3::X, Vec3::Y, Vec3::X + moved, Vec3::ONE.with_z(0.0), Vec3::Y + moved];
@@ -80,13 +80,13 @@ mod tests {
     }
 
     #[test]
-    fn borders_nearer_than_a_tenth_of_a_pixel_are_joined() {
+    fn boundaries_nearer_than_a_tenth_of_a_pixel_are_joined() {
         let (positions, triangles) = cracked(1e-4);
         assert_eq!(stitched(&positions, &triangles), [0, 1, 2, 1, 4, 2]);
     }
 
     #[test]
-    fn borders_farther_apart_stay() {
+    fn boundaries_farther_apart_stay() {
         let (positions, triangles) = cracked(1e-3);
         assert_eq!(stitched(&positions, &triangles), [0, 1, 2, 3, 4, 5]);
     }

@@ -4,10 +4,9 @@ use std::collections::{HashMap, HashSet};
 
 use glam::Vec3;
 
+use super::stitch::stitched;
 use crate::data::{TriMesh, bounds};
 use crate::geometry::{DisjointSets, Topology, first_coincident, sorted_half_edges};
-
-use super::stitch::stitched;
 
 /// Distance by which coincident vertices are moved apart, as a fraction of the radius of the bounding sphere.
 pub(super) const COINCIDENT_OFFSET: f32 = 2e-5;
@@ -25,12 +24,12 @@ pub(super) fn weld(positions: &[Vec3], triangles: &[[u32; 3]]) -> (TriMesh, Vec<
     (cut(&mesh), source)
 }
 
-/// Welds as [`weld`] does, and joins the borders of patches that nearly meet, so that a collapse opens no gap between them.
+/// Does the same as [`weld`], and joins the boundaries of patches that nearly meet. A collapse then opens no gap between them.
 pub(super) fn weld_patches(positions: &[Vec3], triangles: &[[u32; 3]]) -> (TriMesh, Vec<u32>) {
     let (mut mesh, source) = merged(positions, triangles);
-    let stands_for = stitched(&mesh.positions, &mesh.triangles);
+    let replaced_by = stitched(&mesh.positions, &mesh.triangles);
     for corner in mesh.triangles.iter_mut().flatten() {
-        *corner = stands_for[*corner as usize];
+        *corner = replaced_by[*corner as usize];
     }
     (cut(&mesh), source)
 }
