@@ -320,7 +320,7 @@ mod tests {
         ];
         assert_eq!(
             (PIPELINE_VERSION, keys.map(|key| key.hex()[..16].to_owned())),
-            ("24", ["0c8db8ac768ca7c9", "56daf5e98487b8c0"].map(str::to_owned))
+            ("25", ["d9b3dd7908b2735f", "4d144b6462cbbf89"].map(str::to_owned))
         );
     }
 }

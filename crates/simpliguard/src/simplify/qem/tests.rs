@@ -45,6 +45,29 @@ fn a_crease_keeps_its_ridge() {
     assert!((out.bounds().1.z - 0.5).abs() < 1e-4, "{:?}", out.bounds());
 }
 
+/// A dense sheet whose relief costs far more than its boundary would by the area of its outermost faces.
+#[test]
+fn a_dense_sheet_keeps_its_corners() {
+    let rough = grid(96, |x, y| 0.03 * libm::sinf(40.0 * x) * libm::sinf(40.0 * y));
+    let out = simplified(&rough, 300);
+    for corner in [Vec3::ZERO, Vec3::X, Vec3::Y, Vec3::new(1.0, 1.0, 0.0)] {
+        let nearest = out.positions.iter().map(|p| p.distance(corner)).fold(f32::INFINITY, f32::min);
+        assert!(nearest < 0.005, "{corner}: {nearest}");
+    }
+}
+
+#[test]
+fn strips_along_a_boundary_are_at_most_a_tenth_of_their_component() {
+    let mut ribbon = grid(10, |_, _| 0.0);
+    ribbon.positions.iter_mut().for_each(|p| p.y *= 0.02);
+    for (mesh, width) in [(grid(10, |_, _| 0.0), 0.025), (ribbon, 0.1 * 0.02 / 2.04)] {
+        let simplifier = Simplifier::new(&mesh, &areas(&mesh), 0.0);
+        let strips = simplifier.boundary_strips(&simplifier.boundary_edges());
+        assert_eq!(strips.len(), 40);
+        strips.iter().for_each(|strip| assert!((strip - width).abs() < 1e-6, "{strip} {width}"));
+    }
+}
+
 #[test]
 fn a_tetrahedron_stays_within_its_budget_and_vanishes_below_it() {
     let mesh = TriMesh {

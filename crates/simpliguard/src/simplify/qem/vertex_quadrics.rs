@@ -7,10 +7,15 @@ use rayon::prelude::*;
 
 use super::quadric::Quadric;
 use super::simplifier::Simplifier;
-use crate::geometry::area_vector;
+use crate::geometry::{area_vector, face_components};
 
 /// Weight of the planes that hold the boundary, relative to those of the faces beside it.
 const BOUNDARY_WEIGHT: f64 = 3.0;
+/// Width of the strip of surface that a boundary edge weighs at least as much as, for meshes in the unit sphere. A face of a
+/// dense source is much narrower: by its own area alone, the boundary of a sheet would weigh nothing beside the sheet.
+const BOUNDARY_STRIP: f64 = 0.03;
+/// Largest part of a component's area that the strips along its boundary stand for.
+const BOUNDARY_SHARE: f64 = 0.1;
 /// Weight of the faces at the rim of removed faces, relative to that at a boundary of the source. Other parts hide the rim,
 /// so it may move a little.
 const RIM_WEIGHT: f64 = 0.2;
@@ -73,18 +78,35 @@ impl Simplifier {
             .collect()
     }
 
-    /// Adds planes through the boundary edges, perpendicular to their faces.
+    /// Adds planes through the boundary edges, perpendicular to their faces. An edge weighs as much as its face, or as a strip
+    /// of that face's density along the edge, whichever is more.
     pub(super) fn add_boundary_quadrics(&mut self, weights: &[f64]) {
-        for (f, &weight) in (0u32..).zip(weights) {
-            let face = self.face(f);
-            for k in 0..3 {
-                let (a, b) = (face[k], face[(k + 1) % 3]);
-                if !self.is_boundary_edge(a, b) {
-                    continue;
-                }
-                self.hold_edge([a, b, face[(k + 2) % 3]], weight);
-            }
+        let edges = self.boundary_edges();
+        let strips = self.boundary_strips(&edges);
+        for (&(f, [a, b, c]), strip) in edges.iter().zip(strips) {
+            let least = strip * self.length(a, b) / self.area(f).max(f64::MIN_POSITIVE);
+            self.hold_edge([a, b, c], weights[f as usize] * least.max(1.0));
         }
+    }
+
+    /// The boundary edges: each face, its vertices in order, those of the edge first.
+    pub(super) fn boundary_edges(&self) -> Vec<(u32, [u32; 3])> {
+        let corners = |f: u32| (0..3).map(move |k| (f, [0, 1, 2].map(|i| self.face(f)[(k + i) % 3])));
+        (0..self.faces.len() as u32).flat_map(corners).filter(|(_, [a, b, _])| self.is_boundary_edge(*a, *b)).collect()
+    }
+
+    /// The width of the strip that each boundary edge weighs at least as much as. All strips of a component together have at
+    /// most a part of its area: otherwise ribbons and the ends of pipes would keep their boundary at the cost of the rest.
+    pub(super) fn boundary_strips(&self, edges: &[(u32, [u32; 3])]) -> Vec<f64> {
+        let triangles: Vec<[u32; 3]> = (0..self.faces.len() as u32).map(|f| self.face(f)).collect();
+        let components = face_components(self.positions.len(), &triangles);
+        let count = components.iter().max().map_or(0, |last| *last as usize + 1);
+        let (mut areas, mut lengths) = (vec![0.0; count], vec![0.0; count]);
+        components.iter().zip(0..).for_each(|(&c, f)| areas[c as usize] += self.area(f));
+        let component = |f: u32| components[f as usize] as usize;
+        edges.iter().for_each(|&(f, [a, b, _])| lengths[component(f)] += self.length(a, b));
+        let strip = |f: u32| BOUNDARY_SHARE * areas[component(f)] / lengths[component(f)].max(f64::MIN_POSITIVE);
+        edges.iter().map(|&(f, _)| strip(f).min(BOUNDARY_STRIP)).collect()
     }
 
     /// Adds planes through the edges that have become boundary because faces with the `removed` edges are gone. Without
@@ -111,6 +133,10 @@ impl Simplifier {
             self.face(f).into_iter().for_each(|v| areas[v as usize] += self.area(f));
         }
         self.mass.iter().zip(areas).map(|(mass, area)| mass / area.max(f64::MIN_POSITIVE)).collect()
+    }
+
+    fn length(&self, a: u32, b: u32) -> f64 {
+        (self.positions[a as usize] - self.positions[b as usize]).length()
     }
 
     fn area(&self, f: u32) -> f64 {
