@@ -34,23 +34,53 @@ pub struct GpuCost {
     pub texture_memory: u64,
 }
 
-/// What the meshes of some nodes cost. Meshes and textures that several nodes share count once, draw calls for each node.
+/// The cost of the meshes of some nodes. Meshes and textures that several nodes share count once, draw calls for each node.
 /// What cannot be read counts nothing.
 pub fn gpu_cost(document: &Document, nodes: impl IntoIterator<Item = usize>) -> GpuCost {
-    let (mut cost, mut meshes, mut textures) = (GpuCost::default(), BTreeSet::new(), BTreeSet::new());
-    for mesh in nodes.into_iter().filter_map(|node| index(item(document, "nodes", node)?, "mesh")) {
-        let Some(primitives) = item(document, "meshes", mesh).and_then(|mesh| mesh.get("primitives")) else { continue };
-        let primitives = primitives.as_array().map_or(&[][..], Vec::as_slice);
-        cost.draw_calls += primitives.len() as u64;
-        if meshes.insert(mesh) {
-            cost.mesh_memory +=
-                primitives.iter().filter_map(|primitive| primitive_memory(document, primitive)).sum::<u64>();
-            let materials = primitives.iter().filter_map(|primitive| index(primitive, "material"));
-            textures.extend(materials.flat_map(|material| textures_of_material(document, material)));
-        }
+    gpu_cost_besides(document, nodes, [])
+}
+
+/// As [`gpu_cost`], without the memory of meshes and textures that the nodes in `others` show too: these are there already.
+pub fn gpu_cost_besides(
+    document: &Document,
+    nodes: impl IntoIterator<Item = usize>,
+    others: impl IntoIterator<Item = usize>,
+) -> GpuCost {
+    let (own, others) = (Drawn::by(document, nodes), Drawn::by(document, others));
+    let meshes = own.meshes.difference(&others.meshes).flat_map(|&mesh| primitives(document, mesh));
+    let textures = own.textures.difference(&others.textures);
+    GpuCost {
+        draw_calls: own.draw_calls,
+        mesh_memory: meshes.filter_map(|primitive| primitive_memory(document, primitive)).sum(),
+        texture_memory: textures.filter_map(|&texture| texture_memory(document, texture)).sum(),
     }
-    cost.texture_memory = textures.iter().filter_map(|&texture| texture_memory(document, texture)).sum();
-    cost
+}
+
+/// What nodes draw.
+#[derive(Default)]
+struct Drawn {
+    draw_calls: u64,
+    meshes: BTreeSet<usize>,
+    textures: BTreeSet<usize>,
+}
+
+impl Drawn {
+    fn by(document: &Document, nodes: impl IntoIterator<Item = usize>) -> Self {
+        let mut drawn = Self::default();
+        for mesh in nodes.into_iter().filter_map(|node| index(item(document, "nodes", node)?, "mesh")) {
+            drawn.draw_calls += primitives(document, mesh).len() as u64;
+            if drawn.meshes.insert(mesh) {
+                let materials = primitives(document, mesh).iter().filter_map(|primitive| index(primitive, "material"));
+                drawn.textures.extend(materials.flat_map(|material| textures_of_material(document, material)));
+            }
+        }
+        drawn
+    }
+}
+
+fn primitives(document: &Document, mesh: usize) -> &[Value] {
+    let mesh = item(document, "meshes", mesh).and_then(|mesh| mesh.get("primitives")?.as_array());
+    mesh.map_or(&[], Vec::as_slice)
 }
 
 /// Bytes of a texture on the GPU, with its mipmaps. `None` if its image cannot be read.
@@ -204,6 +234,15 @@ mod tests {
         let flat = 300 * 24;
         let morphed = 100 * (24 + 2 * 48) + 1200;
         assert_eq!(gpu_cost(&document, [2]), GpuCost { draw_calls: 2, mesh_memory: flat + morphed, texture_memory: 8 });
+    }
+
+    #[test]
+    fn what_others_show_costs_no_memory() {
+        let own = gpu_cost(&document(), [2]);
+        assert_eq!(gpu_cost_besides(&document(), [2], [0]), own);
+        let calls_alone = GpuCost { draw_calls: 2, ..GpuCost::default() };
+        assert_eq!(gpu_cost_besides(&document(), [0, 1], [1]), calls_alone);
+        assert_eq!(gpu_cost_besides(&document(), [0, 2], [0, 3]), GpuCost { draw_calls: 3, ..own });
     }
 
     #[test]

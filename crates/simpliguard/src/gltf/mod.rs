@@ -17,7 +17,9 @@ pub use blocks::{BLOCKS_VERSION, compress_textures};
 pub(crate) use export::export_in;
 pub use export::{ExportParams, export, export_level};
 pub use glb::binary;
-pub use gpu_cost::{GpuCost, encoded_image, gpu_cost, image_of_texture, texture_memory, textures_of_material};
+pub use gpu_cost::{
+    GpuCost, encoded_image, gpu_cost, gpu_cost_besides, image_of_texture, texture_memory, textures_of_material,
+};
 pub(crate) use import::import_in;
 pub use import::{ImportLimits, import};
 pub(crate) use objects::{ObjectScene, SCENE_HINT, describe_scene};

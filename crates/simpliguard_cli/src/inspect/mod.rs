@@ -9,7 +9,7 @@ use std::path::Path;
 
 use serde::Serialize;
 use simpliguard::PIPELINE_VERSION;
-use simpliguard::gltf::{GpuCost, ImportLimits, gpu_cost, import};
+use simpliguard::gltf::{GpuCost, ImportLimits, gpu_cost, gpu_cost_besides, import};
 use simpliguard_bake::{CachePlace, CachedBake, Parts, look_up};
 
 use self::contents::Contents;
@@ -38,6 +38,8 @@ struct Inspection {
     source: GpuCost,
     /// The levels in an output of `bake`.
     levels: Vec<LevelSize>,
+    /// All levels together, besides the source.
+    all_levels: GpuCost,
     /// The kinds of objects in an output of `bake` with `scope: Objects`.
     objects: Vec<ObjectSize>,
     settings: Vec<Setting>,
@@ -56,6 +58,7 @@ struct LevelSize {
     error: Option<f64>,
     /// Bytes of its vertices, indices and images in the file.
     bytes: u64,
+    /// Its cost besides the source, whose textures it may show.
     #[serde(flatten)]
     gpu: GpuCost,
 }
@@ -132,8 +135,11 @@ fn inspect(path: &Path, args: &InspectArgs) -> Result<Inspection, UsageError> {
     let model = import(&file.source(), &ImportLimits::default())?;
     let document = Document::new(&model);
     let Levels { all, kinds, .. } = Levels::of(&model.document.json);
+    let source = || model.document.mesh_nodes.iter().copied();
+    let of_levels = |nodes: Vec<usize>| gpu_cost_besides(&model.document, nodes, source());
+    let all_levels = of_levels(all.iter().flat_map(|level| level.nodes.iter().copied()).collect());
     let size = |level: Level| {
-        let (bytes, gpu) = (document.bytes_of_nodes(&level.nodes), gpu_cost(&model.document, level.nodes));
+        let (bytes, gpu) = (document.bytes_of_nodes(&level.nodes), of_levels(level.nodes));
         let Level { name, level, budget, faces, error, .. } = level;
         LevelSize { name, level, budget, faces, error, bytes, gpu }
     };
@@ -145,8 +151,9 @@ fn inspect(path: &Path, args: &InspectArgs) -> Result<Inspection, UsageError> {
         pipeline_version: PIPELINE_VERSION,
         bytes: file.source().bytes.len() as u64,
         contents: Contents::of(&model, &document),
-        source: gpu_cost(&model.document, model.document.mesh_nodes.iter().copied()),
+        source: gpu_cost(&model.document, source()),
         levels: all.into_iter().map(size).collect(),
+        all_levels,
         objects: kinds.into_iter().map(ObjectSize::of).collect(),
         settings: resolved
             .effective()

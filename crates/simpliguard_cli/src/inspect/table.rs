@@ -1,7 +1,5 @@
 //! An inspection as text.
 
-use std::iter;
-
 use bytesize::ByteSize;
 use simpliguard::gltf::GpuCost;
 
@@ -13,10 +11,10 @@ use crate::output::columns;
 const MOST: usize = 20;
 
 pub(super) fn text(inspection: &Inspection) -> String {
-    let Inspection { file, bytes, contents, source, levels, objects, settings, .. } = inspection;
+    let Inspection { file, bytes, contents, levels, objects, settings, .. } = inspection;
     let mut out = format!("{file}: {}\n\n", ByteSize(*bytes));
     out += &contents_text(contents);
-    out += &memory_text(source, levels);
+    out += &memory_text(inspection);
     if !levels.is_empty() {
         let header = ["level", "budget", "faces", "error %", "file"];
         out += &section("levels", &header, Align::Numbers, levels, level);
@@ -47,10 +45,13 @@ fn contents_text(contents: &Contents) -> String {
     out + &list("clips", &["clip", "seconds", "channels"], Align::Numbers, clips, clip)
 }
 
-/// The table of memory and draw calls: the source, then its levels from the most detailed on.
-fn memory_text(source: &GpuCost, levels: &[LevelSize]) -> String {
-    let levels = levels.iter().rev().map(|level| (level.name.clone(), level.gpu));
-    let rows: Vec<(String, GpuCost)> = iter::once(("source".to_owned(), *source)).chain(levels).collect();
+/// The table of memory and draw calls: the source, its levels from the most detailed on, and all levels together.
+fn memory_text(Inspection { source, levels, all_levels, .. }: &Inspection) -> String {
+    let mut rows = vec![("source".to_owned(), *source)];
+    rows.extend(levels.iter().rev().map(|level| (level.name.clone(), level.gpu)));
+    if levels.len() > 1 {
+        rows.push(("all levels".to_owned(), *all_levels));
+    }
     let row = |(name, cost): &(String, GpuCost)| {
         let [textures, meshes] = [cost.texture_memory, cost.mesh_memory].map(|bytes| ByteSize(bytes).to_string());
         vec![name.clone(), textures, meshes, cost.draw_calls.to_string()]

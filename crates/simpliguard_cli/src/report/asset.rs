@@ -2,7 +2,7 @@
 
 use serde::Serialize;
 use simpliguard::data::Model;
-use simpliguard::gltf::{GpuCost, ImportLimits, gpu_cost, import};
+use simpliguard::gltf::{GpuCost, ImportLimits, gpu_cost_besides, import};
 use simpliguard::{Error, LevelReport, NoResources, Source, Status};
 use simpliguard_bake::Outcome;
 use simpliguard_eval::compare::{Comparison, Options, compare};
@@ -150,8 +150,8 @@ impl Measured {
         let pictures: usize = sheets.iter().map(|sheet| sheet.jpeg.len()).sum();
         let left = usize::try_from(share).unwrap_or(usize::MAX).saturating_sub(pictures);
         let preview = preview(&model.document, &levels, left);
-        let cost = |nodes: &[usize], triangles: usize| {
-            let gpu = gpu_cost(&model.document, nodes.iter().copied());
+        let cost = |nodes: &[usize], triangles: usize, others: &[usize]| {
+            let gpu = gpu_cost_besides(&model.document, nodes.iter().copied(), others.iter().copied());
             Cost::new(triangles, document.bytes_of_nodes(nodes), gpu)
         };
         let report = |level: &Level| result.report.levels.iter().find(|report| u64::from(report.level) == level.level);
@@ -161,10 +161,10 @@ impl Measured {
             level: level.level,
             deviation: level.error,
             report: report(level).filter(|_| level.of != Of::Objects).cloned(),
-            cost: cost(&level.nodes, comparison.faces),
+            cost: cost(&level.nodes, comparison.faces, &levels.source),
             comparison,
         };
-        let source = cost(&levels.source, shown.surface.triangles.len());
+        let source = cost(&levels.source, shown.surface.triangles.len(), &[]);
         let mut seconds: Vec<(String, f64)> = Vec::new();
         for (stage, time) in result.report.seconds {
             match seconds.iter_mut().find(|(name, _)| *name == stage) {
