@@ -203,6 +203,9 @@ impl WholeLevel {
             mesh.tangents = texture::tangents(&mesh);
         }
         let (textures, statistics) = texture::pbr_maps(&mesh, &self.texels, &self.samples, &self.colors, channels);
+        if textures.normal.is_none() {
+            mesh.tangents.clear();
+        }
         let layer = |layer: Layer| {
             let Layer { faces, alpha_mode, double_sided, unlit, transmission } = layer;
             let material = texture::level_material(&statistics, alpha_mode, double_sided, unlit);

@@ -10,6 +10,9 @@ use crate::data::TextureFormat;
 use crate::data::{LevelMesh, LevelTextures, linear_to_srgb, srgb_to_linear, to_byte};
 use crate::render::{SurfaceSample, fill_unknown};
 
+/// The normal of the mesh in a normal map.
+const FLAT: [u8; 3] = [128, 128, 255];
+
 /// Images that a level gets besides its base colour.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Channels {
@@ -40,17 +43,35 @@ pub fn pbr_maps(
         let light = if s.glows { colors[i].xyz().map(srgb_to_linear) } else { s.emissive };
         (light / statistics.emissive).map(linear_to_srgb)
     };
-    let textures = LevelTextures {
+    let mut textures = LevelTextures {
         base_color: match statistics.base_color {
             Some(_) => None,
             None => Some(painter.base_color(colors, statistics.glows, channels.alpha)),
         },
-        normal: channels.normal.then(|| painter.rgb(normal)),
+        normal: channels.normal.then(|| painter.rgb(normal)).filter(|image| !is_flat(image)),
         occlusion_roughness_metallic: statistics.rough_metal.then(|| painter.rgb(rough_metal)),
         emissive: (statistics.emissive != Vec3::ZERO).then(|| painter.rgb(emitted)),
         format: channels.format,
     };
+    if let Some(light) = textures.emissive.as_ref().filter(|_| !statistics.glows).and_then(one_colour) {
+        textures.emissive = None;
+        return (
+            textures,
+            MaterialStatistics { emissive: statistics.emissive * light.map(srgb_to_linear), ..statistics },
+        );
+    }
     (textures, statistics)
+}
+
+/// A normal map says nothing but the normals of the mesh, but for the rounding of a byte.
+fn is_flat(image: &RgbImage) -> bool {
+    image.pixels().all(|pixel| pixel.0.iter().zip(FLAT).all(|(a, b)| a.abs_diff(b) <= 1))
+}
+
+/// The colour of all texels, if they have one.
+fn one_colour(image: &RgbImage) -> Option<Vec3> {
+    let first = image.pixels().next()?;
+    image.pixels().all(|pixel| pixel == first).then(|| Vec3::from(first.0.map(f32::from)) / f32::from(u8::MAX))
 }
 
 /// Paints images of `size` x `size` texels, gutters included.

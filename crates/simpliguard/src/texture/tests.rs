@@ -68,11 +68,15 @@ fn sample_at(samples: &[Option<SurfaceSample>], x: f32, y: f32) -> SurfaceSample
 }
 
 fn images(model: &Model) -> LevelTextures {
+    maps(model).0
+}
+
+fn maps(model: &Model) -> (LevelTextures, MaterialStatistics) {
     let (_, atlas) = level();
     let samples = samples(model);
     let base = vec![Vec4::ONE; SIZE * SIZE];
     let channels = Channels { normal: true, ..Channels::default() };
-    pbr_maps(&level_mesh(), &TexelMap::new(&atlas, SIZE), &samples, &base, channels).0
+    pbr_maps(&level_mesh(), &TexelMap::new(&atlas, SIZE), &samples, &base, channels)
 }
 
 fn texture(width: u32, texels: &[[u8; 4]], wrap: Wrap, srgb: bool) -> Texture {
@@ -177,6 +181,14 @@ fn emission_is_an_image_below_its_brightest() {
 }
 
 #[test]
+fn equal_emission_everywhere_is_a_factor() {
+    let lamp = Material { emissive: Vec3::new(4.0, 2.0, 0.0), ..plain() };
+    let (textures, statistics) = maps(&source([lamp.clone(), lamp.clone()], Vec::new()));
+    assert!(textures.emissive.is_none());
+    assert_eq!(level_material(&statistics, AlphaMode::Opaque, false, false).emissive, lamp.emissive);
+}
+
+#[test]
 fn what_does_nothing_but_emit_light_is_fitted_by_its_light() {
     let black = Vec4::new(0.0, 0.0, 0.0, 1.0);
     let glowing = Material { base_color: black, emissive: Vec3::new(0.5, 0.0, 0.0), ..plain() };
@@ -204,9 +216,13 @@ fn black_that_shines_brighter_than_white_is_left_to_the_light() {
 
 #[test]
 fn a_normal_map_survives_where_level_and_source_lie_alike() {
-    for map in [[128, 128, 255, 255], [200, 128, 235, 255], [90, 180, 220, 255]] {
+    let bumpy = |map| {
         let bumpy = Material { normal_texture: texture_ref(0, Affine2::IDENTITY), ..plain() };
-        let model = source([bumpy.clone(), bumpy], vec![texture(1, &[map], Wrap::Repeat, false)]);
+        source([bumpy.clone(), bumpy], vec![texture(1, &[map], Wrap::Repeat, false)])
+    };
+    assert!(images(&bumpy([128, 128, 255, 255])).normal.is_none(), "it is flat");
+    for map in [[200, 128, 235, 255], [90, 180, 220, 255]] {
+        let model = bumpy(map);
         let expected = Vec3::new(map[0].into(), map[1].into(), map[2].into()) / 255.0 * 2.0 - 1.0;
         let image = images(&model).normal.expect("asked for");
         for x in [10, 50] {
