@@ -30,6 +30,9 @@ const TRUST: f32 = 0.3;
 const CLOSE_SCORE: f64 = 2.0;
 /// Difference in dB from which on an unrefined level is clearly better than another.
 const CLEARLY_BETTER: f32 = 0.5;
+/// PSNR in dB with the vertices as given from which on they may be better left there. The views that move them are antialiased
+/// in another way than those of the level: beyond this, some steps fit that difference.
+const NEAR: f32 = 40.0;
 /// Difference in dB from which on a level looks less like its source than another.
 const LESS_LIKE: f32 = 0.1;
 
@@ -144,13 +147,28 @@ impl LevelTask<'_> {
         let (atlas, extra_atlas) = self.unwrap()?;
         let influences = self.skin()?;
         self.run.validate(StageId::Skinning, || influences.iter().try_for_each(Influences::validate));
-        let vertices = match self.initial_texture(&atlas, &influences)? {
-            Some(textured) => self.refine(textured, influences)?,
-            None => self.unmoved(&atlas, influences),
+        let Some(textured) = self.initial_texture(&atlas, &influences)? else {
+            return self.complete(self.unmoved(&atlas, influences), atlas, &extra_atlas);
         };
+        let vertices = self.refine(textured, influences)?;
+        let still = self.may_be_better_unmoved(&vertices).then(|| self.unmoved(&atlas, vertices.influences.clone()));
+        let moved = self.complete(vertices, atlas.clone(), &extra_atlas)?;
+        let Some(still) = still else { return Ok(moved) };
+        let still = self.complete(still, atlas, &extra_atlas)?;
+        Ok(if psnr(&still) > psnr(&moved) { still } else { moved })
+    }
+
+    /// The vertices were moved although the level looked much like its source before.
+    fn may_be_better_unmoved(&self, Vertices { low, refined, .. }: &Vertices) -> bool {
+        let is_near = refined.is_some_and(|refined| refined.psnr_texture >= NEAR);
+        is_near && self.all.pictures.is_some() && low.positions != self.shape.mesh.positions
+    }
+
+    /// The level and its report, once its vertices are final.
+    fn complete(&self, vertices: Vertices, atlas: Atlas, extra_atlas: &Atlas) -> Result<(Level, LevelReport), Error> {
         self.run.validate(StageId::Refine, || Topology::validate_manifold(&vertices.low.mesh()));
         let (vertices, atlas) = self.split_at_joints(vertices, atlas);
-        let (level, report) = self.finish(vertices, &atlas, &extra_atlas)?;
+        let (level, report) = self.finish(vertices, &atlas, extra_atlas)?;
         self.run.validate(StageId::Maps, || level.validate());
         Ok((level, report))
     }

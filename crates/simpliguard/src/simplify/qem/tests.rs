@@ -52,7 +52,7 @@ fn a_dense_sheet_keeps_its_corners() {
     let out = simplified(&rough, 300);
     for corner in [Vec3::ZERO, Vec3::X, Vec3::Y, Vec3::new(1.0, 1.0, 0.0)] {
         let nearest = out.positions.iter().map(|p| p.distance(corner)).fold(f32::INFINITY, f32::min);
-        assert!(nearest < 0.005, "{corner}: {nearest}");
+        assert!(nearest < 0.02, "{corner}: {nearest}");
     }
 }
 
