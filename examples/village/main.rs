@@ -4,6 +4,7 @@
 //! cargo run --example village                    # prints triangles, meshes and frame times, and ends
 //! cargo run --example village -- --stay          # stays open: F3 hides the panel, L turns levels on and off
 //! xvfb-run cargo run --example village -- --screenshot target/village/pictures
+//! xvfb-run cargo run --example village -- --size 180     # a small window, where triangles count more than pixels
 //! ```
 //!
 //! The scene is made here and written to `target/village/assets`, with a `.meta` file that says `scope: Objects`. The game
@@ -48,6 +49,9 @@ struct Options {
     /// Measure nothing and stay open.
     #[arg(long)]
     stay: bool,
+    /// Height of the window in pixels.
+    #[arg(long, default_value_t = 720)]
+    size: u32,
 }
 
 /// Where the village is seen from.
@@ -81,7 +85,7 @@ fn main() -> AppExit {
     }
     let window = Window {
         title: "village".into(),
-        resolution: (1280, 720).into(),
+        resolution: (options.size * 16 / 9, options.size).into(),
         present_mode: if options.stay { PresentMode::AutoVsync } else { PresentMode::AutoNoVsync },
         ..default()
     };

@@ -4,12 +4,14 @@
 //! ```sh
 //! cargo run --example world                     # sources on demand; prints figures and ends
 //! cargo run --example world -- --keep           # all sources in memory
+//! cargo run --example world -- --uncompressed   # the same, with textures as images in place of blocks
+//! cargo run --example world -- --plain          # the models as they are, without levels
 //! cargo run --example world -- --stay           # stays open
 //! xvfb-run cargo run --example world -- --size 320 --screenshot target/world    # without a display
 //! ```
 //!
-//! The models are made here and written to `target/world/assets`, with `.meta` files that say `source: OnDemand` or `source:
-//! Keep`. Nothing else in the game is special. The first start bakes them; the figures are those of a later one.
+//! The models are made here and written to `target/world/assets`, with `.meta` files that say `source: OnDemand`, `source: Keep`
+//! or `enabled: false`. Nothing else in the game is special. The first start bakes them; the figures are those of a later one.
 
 mod models;
 
@@ -21,11 +23,10 @@ use bevy::asset::io::file::FileAssetReader;
 use bevy::prelude::*;
 use bevy::render::view::screenshot::{Screenshot, save_to_disk};
 use bevy::window::PresentMode;
-use bevy_simpliguard::lod::{LodGroup, Memory, memory_of};
 use bevy_simpliguard::{
     BakeMode, BakeStarted, OverlayPlugin, SimpliguardLods, SimpliguardPlugin, SourceSettings, SourceStats,
 };
-use clap::Parser;
+use clap::{Args, Parser};
 
 /// The folder of the models, below that of all assets.
 const FOLDER: &str = "target/world";
@@ -46,9 +47,8 @@ const PLACEHOLDER: usize = 3;
 
 #[derive(Parser, Resource, Clone)]
 struct Options {
-    /// Keep all sources in memory.
-    #[arg(long)]
-    keep: bool,
+    #[command(flatten)]
+    models: Models,
     /// A folder for pictures of the flight.
     #[arg(long, value_name = "DIR")]
     screenshot: Option<PathBuf>,
@@ -63,11 +63,39 @@ struct Options {
     budget: u64,
 }
 
+/// The form of the models, if it is not that of sources on demand.
+#[derive(Args, Clone)]
+#[group(multiple = false)]
+struct Models {
+    /// Keep all sources in memory.
+    #[arg(long)]
+    keep: bool,
+    /// Keep all sources in memory, and textures as images.
+    #[arg(long)]
+    uncompressed: bool,
+    /// Show the models as they are, without levels.
+    #[arg(long)]
+    plain: bool,
+}
+
+impl Models {
+    fn setting(&self) -> &'static str {
+        match self {
+            Self { keep: true, .. } => "source: Keep",
+            Self { uncompressed: true, .. } => "source: Keep, texture_compression: Off",
+            Self { plain: true, .. } => "enabled: false",
+            _ => "source: OnDemand",
+        }
+    }
+}
+
 /// The start of the program, and what was seen since.
 #[derive(Resource)]
 struct Flight {
     start: Instant,
     is_baking: bool,
+    /// Seconds until the first frame.
+    first: Option<f32>,
     /// Seconds until all rocks are there.
     ready: Option<f32>,
     /// Metres flown, and those since the last line of figures.
@@ -82,7 +110,7 @@ struct Flight {
 fn main() -> AppExit {
     let (options, start) = (Options::parse(), Instant::now());
     let folder = FileAssetReader::get_base_path().join(FOLDER).join("assets");
-    if let Err(error) = models::write(&folder, if options.keep { "Keep" } else { "OnDemand" }) {
+    if let Err(error) = models::write(&folder, options.models.setting()) {
         return fail(&folder, &error);
     }
     let window = Window {
@@ -107,6 +135,7 @@ fn main() -> AppExit {
         .insert_resource(Flight {
             start,
             is_baking: false,
+            first: None,
             ready: None,
             way: 0.0,
             since: 0.0,
@@ -118,7 +147,7 @@ fn main() -> AppExit {
         .insert_resource(ClearColor(Color::srgb(0.70, 0.75, 0.82)))
         .add_systems(Startup, setup)
         .add_systems(Update, (wait, fly.run_if(is_ready)).chain())
-        .add_systems(Last, look_for_gaps)
+        .add_systems(Last, (look_for_gaps, note_first_frame))
         .run()
 }
 
@@ -167,13 +196,17 @@ fn is_ready(flight: Res<Flight>, options: Res<Options>) -> bool {
 fn wait(
     mut flight: ResMut<Flight>,
     mut bakes: MessageReader<BakeStarted>,
-    rocks: Query<&SimpliguardLods>,
-    groups: Query<&LodGroup>,
+    options: Res<Options>,
+    (rocks, drawn): (Query<&SimpliguardLods>, Query<&Mesh3d>),
     (meshes, images): (Res<Assets<Mesh>>, Res<Assets<Image>>),
 ) {
     flight.is_baking |= bakes.read().count() > 0;
-    let has_levels = rocks.iter().filter(|lods| !lods.levels.is_empty()).count();
-    if flight.ready.is_some() || has_levels < ROCKS as usize {
+    let there = match options.models.plain {
+        // One is the ground.
+        true => drawn.iter().count() - 1,
+        false => rocks.iter().filter(|lods| !lods.levels.is_empty()).count(),
+    };
+    if flight.ready.is_some() || there < ROCKS as usize {
         return;
     }
     let seconds = flight.start.elapsed().as_secs_f32();
@@ -181,12 +214,18 @@ fn wait(
     if flight.is_baking {
         println!("the models were baked: start again for the time to the first frame");
     }
-    let mut sum = Memory::default();
-    for model in memory_of(groups, &meshes, &images) {
-        sum += model.source;
-        sum += model.levels;
+    let first = flight.first.unwrap_or(seconds);
+    println!(
+        "the first frame after {first:.2} s, all rocks after {seconds:.2} s, {} on the GPU, {} resident",
+        mib(on_gpu(&meshes, &images)),
+        mib(memory("VmRSS:"))
+    );
+}
+
+fn note_first_frame(mut flight: ResMut<Flight>) {
+    if flight.first.is_none() {
+        flight.first = Some(flight.start.elapsed().as_secs_f32());
     }
-    println!("all rocks after {seconds:.2} s, {} on the GPU, {} resident", mib(sum.total()), mib(resident_memory()));
 }
 
 /// Flies over the world.
@@ -219,13 +258,14 @@ fn fly(
         frames.sort_by(f32::total_cmp);
         let (mean, last) = (frames.iter().sum::<f32>() / frames.len() as f32, frames.len().saturating_sub(1));
         println!(
-            "{} frames: mean {mean:.1} ms, 99 % {:.1} ms, longest {:.1} ms; {} with a gap; at most {} of sources; {} resident",
+            "{} frames: mean {mean:.1} ms, 99 % {:.1} ms, longest {:.1} ms; {} with a gap; at most {} of sources; {} resident, at most {}",
             frames.len(),
             frames[last * 99 / 100],
             frames[last],
             flight.gaps,
             mib(flight.most),
-            mib(resident_memory()),
+            mib(memory("VmRSS:")),
+            mib(memory("VmHWM:")),
         );
         exit.write(AppExit::Success);
     }
@@ -247,9 +287,17 @@ fn mib(bytes: u64) -> String {
     format!("{:.1} MiB", bytes as f64 / f64::from(1 << 20))
 }
 
-/// Bytes of the process in memory. Zero where the system does not tell.
-fn resident_memory() -> u64 {
+/// Bytes of all meshes and textures.
+fn on_gpu(meshes: &Assets<Mesh>, images: &Assets<Image>) -> u64 {
+    let mesh = |mesh: &Mesh| mesh.get_vertex_buffer_size() + mesh.get_index_buffer_bytes().map_or(0, <[u8]>::len);
+    let meshes = meshes.iter().map(|(_, each)| mesh(each)).sum::<usize>();
+    let images = images.iter().filter_map(|(_, image)| image.data.as_ref()).map(Vec::len).sum::<usize>();
+    (meshes + images) as u64
+}
+
+/// Bytes of the process in memory, by the name of a line of `/proc/self/status`. Zero where the system does not tell.
+fn memory(name: &str) -> u64 {
     let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
-    let line = status.lines().find_map(|line| line.strip_prefix("VmRSS:"));
+    let line = status.lines().find_map(|line| line.strip_prefix(name));
     1024 * line.and_then(|line| line.split_whitespace().next()?.parse::<u64>().ok()).unwrap_or(0)
 }

@@ -21,13 +21,13 @@ pub(crate) fn name(model: usize) -> String {
     format!("rock{model:02}.glb")
 }
 
-/// Writes the models into a folder, with settings that make the first start quick. What is there already stays.
-pub(crate) fn write(folder: &Path, source: &str) -> io::Result<()> {
+/// Writes the models into a folder, with settings that make the first start quick, and `setting`. What is there already stays.
+pub(crate) fn write(folder: &Path, setting: &str) -> io::Result<()> {
     fs::create_dir_all(folder)?;
     let meta = format!(
         "(meta_format_version: \"1.0\", asset: Process(processor: \"bevy_simpliguard::SimpliguardProcess\", settings: (\
          quality: Draft, candidates: Source, faces: [100, 500], texture_size: 256, views: 8, view_size: 128, normal_map: false, \
-         source: {source})))"
+         {setting})))"
     );
     for model in 0..COUNT {
         let path = folder.join(name(model));

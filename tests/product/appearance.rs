@@ -1,11 +1,14 @@
-//! A level looks in Bevy as it does in the bake's own pictures: the filters of the game's textures take nothing from it.
+//! A level looks in Bevy as it does in the bake's own pictures, and as its source does where the two switch: the filters of the
+//! game's textures take nothing from it, and neither do blocks.
 
 use std::f32::consts::FRAC_PI_4;
 
 use bevy::core_pipeline::tonemapping::Tonemapping;
 use bevy::prelude::*;
 use bevy_simpliguard::lod::LodPlugin;
+use simpliguard::Cancellation;
 use simpliguard::data::Model;
+use simpliguard::gltf::compress_textures;
 use simpliguard::render::{Camera, Light, Renderer, SurfaceSampler};
 
 use crate::scene::{PLACE, Scene, octopus};
@@ -27,10 +30,8 @@ fn levels_look_in_the_game_as_in_the_bake() {
     show_colours_alone(&mut scene);
     for (level, number) in baked.levels.iter().zip(1..) {
         let model = level.to_model(source);
-        let errors = scene.lods().expect("levels").levels.iter();
-        let error = errors.filter(|l| l.level == number).map(|l| l.error).next().expect("a level");
         for factor in [1.0, 0.5] {
-            let eye = factor * switching_distance(error) * Vec3::new(0.3, 0.35, 0.89).normalize();
+            let eye = factor * switching_place(&scene, number);
             let game = psnr([0, number].map(|level| photograph(&mut scene, level, eye)));
             let bake = psnr([source, &model].map(|model| draw(model, eye)));
             println!("LOD{number} at {factor} of its distance: {game:.2} dB in the game, {bake:.2} dB in the bake");
@@ -39,21 +40,84 @@ fn levels_look_in_the_game_as_in_the_bake() {
     }
 }
 
+/// How source and level are filtered.
+struct Filters {
+    name: &'static str,
+    source: LodPlugin,
+    level: LodPlugin,
+    blocks: bool,
+}
+
+fn filters() -> [Filters; 3] {
+    let plain = LodPlugin::default;
+    let no_mipmaps = LodPlugin { mipmaps: false, ..default() };
+    let isotropic = LodPlugin { anisotropy: 1, ..default() };
+    [
+        Filters { name: "mipmaps for levels alone", source: no_mipmaps, level: isotropic, blocks: false },
+        Filters { name: "both alike", source: plain(), level: plain(), blocks: false },
+        Filters { name: "both alike, in blocks", source: plain(), level: plain(), blocks: true },
+    ]
+}
+
+/// The difference of each level from its source where they switch, with these filters: without light and with it, for each level.
+fn differences(glb: &[u8], filters: &Filters) -> Vec<[f64; 2]> {
+    let scene = |levels: &LodPlugin| Scene::new(glb.to_vec(), levels.clone(), SIDE, true);
+    let mut scenes = [scene(&filters.source), scene(&filters.level)];
+    scenes.iter_mut().for_each(show_on_white);
+    let mut out = vec![[0.0; 2]; 3];
+    for light in [1, 0] {
+        if light == 0 {
+            scenes.iter_mut().for_each(show_colours_alone);
+        }
+        for (number, difference) in (1..).zip(&mut out) {
+            let eye = switching_place(&scenes[0], number);
+            let [source, level] = &mut scenes;
+            let pictures = [photograph(source, 0, eye), photograph(level, number, eye)];
+            difference[light] = 255.0 * 10.0_f64.powf(-psnr(pictures) / 20.0);
+        }
+    }
+    out
+}
+
+#[test]
+#[ignore = "needs a Vulkan driver"]
+#[expect(clippy::print_stdout, reason = "the figures")]
+fn levels_look_like_their_source_where_they_switch() {
+    let glb = octopus().glb;
+    let blocks = compress_textures("octopus.glb", &glb, &Cancellation::default()).expect("a baked file");
+    for filters in filters() {
+        let found = differences(if filters.blocks { &blocks } else { &glb }, &filters);
+        println!("{}: {found:.2?}", filters.name);
+    }
+}
+
+/// Where the level's error is one pixel.
+fn switching_place(scene: &Scene, number: u32) -> Vec3 {
+    let mut levels = scene.lods().expect("levels").levels.iter();
+    let level = levels.find(|level| level.level == number).expect("a level");
+    switching_distance(level.error) * Vec3::new(0.3, 0.35, 0.89).normalize()
+}
+
 /// The distance at which the level's error is one pixel.
 fn switching_distance(error: f32) -> f32 {
     let pixels_at_one_metre = 0.5 * SIDE as f32 / (0.5 * FRAC_PI_4).tan();
     pixels_at_one_metre * DIAGONAL * error
 }
 
-/// Shows colours as the textures have them, on white.
-fn show_colours_alone(scene: &mut Scene) {
+/// Shows colours as they are, on white.
+fn show_on_white(scene: &mut Scene) {
     let world = scene.app.world_mut();
-    for (_, material) in world.resource_mut::<Assets<StandardMaterial>>().iter_mut() {
-        material.unlit = true;
-    }
     world.resource_mut::<ClearColor>().0 = Color::WHITE;
     world.entity_mut(scene.camera).insert(Tonemapping::None);
     scene.settle();
+}
+
+/// Shows colours as the textures have them, on white.
+fn show_colours_alone(scene: &mut Scene) {
+    for (_, material) in scene.app.world_mut().resource_mut::<Assets<StandardMaterial>>().iter_mut() {
+        material.unlit = true;
+    }
+    show_on_white(scene);
 }
 
 fn photograph(scene: &mut Scene, level: u32, eye: Vec3) -> Vec<u8> {
