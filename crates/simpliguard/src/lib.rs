@@ -47,6 +47,8 @@ pub use pipeline::report::{LevelReport, LevelTopology, ObjectReport, OwnLevelRep
 pub use pipeline::scene::{ObjectProgress, ObjectSource, SceneBake};
 pub use pipeline::stage::{STAGES, Stage};
 pub use pipeline::store::{bake_key, is_stage_object};
-pub use pipeline::{Baked, Bars, Likeness, Miss, OPT_LEVEL, PIPELINE_VERSION, WrongMaterial, bake};
+pub use pipeline::{
+    Baked, Bars, Likeness, Miss, OPT_LEVEL, PIPELINE_VERSION, StageObject, WrongMaterial, bake, stage_objects,
+};
 pub use simpliguard_key::{Key, KeyBuilder, content_hash};
 pub use source::{NoResources, RelativeUri, Resources, Source};

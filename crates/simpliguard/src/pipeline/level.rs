@@ -1,19 +1,20 @@
 //! From a shape to a finished level: unwrap, skinning, texture, refine, maps.
 
+use std::iter;
+
 use glam::Vec3;
 use rayon::prelude::*;
 
-use super::level_task::{LevelTask, Levels};
+use super::level_task::{LevelTask, Levels, charted, level_view, may_move};
 use super::level_texture::LevelTexture;
 use super::level_whole::{Finished, WholeLevel};
 use super::params::LevelParams;
 use super::report::LevelReport;
 use super::runner::Runner;
 use super::store::{atlas_key, choice_key, vertices_key, warm_start_key};
-use super::texture_sizes::LevelView;
 use crate::animation::Motions;
 use crate::data::{Atlas, Candidate, Influences, Level, TriMesh};
-use crate::geometry::{BoundingSphere, Topology};
+use crate::geometry::Topology;
 use crate::refine::{self, Backend, Cpu, LowPoly, RefineParams, Refined, Skin, TexelGrid, TextureFit, ViewTarget};
 use crate::render::SurfaceSample;
 use crate::settings::JointSplitting;
@@ -53,24 +54,19 @@ impl Levels<'_> {
     /// The shape of a level. Scores are estimates: where two of them are close, both shapes get a texture, and the pictures
     /// decide.
     fn choose(&self, i: usize) -> Result<Choice, Error> {
-        let (budget, Selected { runner_up, .. }) = &self.shapes.solid.levels[i];
-        let is_close = runner_up.as_ref().is_some_and(|runner_up| runner_up.relative_score < CLOSE_SCORE);
-        if !is_close || self.pictures.is_none() {
+        let (budget, selected) = &self.shapes.solid.levels[i];
+        if !is_close(selected) || self.pictures.is_none() {
             return Ok(Choice::Best);
         }
         let (params, trial) = (self.params.draft(), self.run.trial());
-        let key = self
-            .shapes
-            .solid
-            .key
-            .map(|shapes| choice_key(&shapes, &params.level(*budget, LevelView::default()), *budget));
+        let key = self.shapes.solid.key.map(|shapes| choice_key(&shapes, &params, *budget));
         let is_runner_up = self.run.get_or_put(key, || {
             let draft = Levels { params: &params, run: &trial, ..*self };
             let reached = |choice| draft.task(i, choice, &trial).make().map(|made| psnr(&made));
             let (best, runner_up) = rayon::join(|| reached(Choice::Best), || reached(Choice::RunnerUp));
             Ok(runner_up? > best? + CLEARLY_BETTER)
         })?;
-        Ok(if is_runner_up { Choice::RunnerUp } else { Choice::Best })
+        Ok(Choice::of(is_runner_up))
     }
 
     /// A level that hardly looks like its source, or less so than a smaller level does, is made again from the other shape;
@@ -95,30 +91,36 @@ impl Levels<'_> {
     /// The task of the level with index `i`.
     fn task<'s>(&'s self, i: usize, choice: Choice, run: &Runner<'s>) -> LevelTask<'s> {
         let (budget, selected) = &self.shapes.solid.levels[i];
-        let runner_up = selected.runner_up.as_ref().filter(|_| choice == Choice::RunnerUp);
-        let shape = runner_up.map_or(&selected.best, |runner_up| &runner_up.shape);
-        let (params, number) = (self.params.level(*budget, self.view(i, shape)), self.first + i + 1);
-        let run = run.level(number);
-        LevelTask { all: *self, number, budget: *budget, shape, is_runner_up: runner_up.is_some(), params, run }
-    }
-}
-
-impl Levels<'_> {
-    /// How large the level with index `i` comes into view, if it is made from a shape.
-    fn view(&self, i: usize, shape: &Shape) -> LevelView {
-        let extra = || self.shapes.extra.of(self.shapes.solid.levels[i].0).map(|(_, shape)| shape);
-        let diagonal = self.source.deviation_metric.diagonal();
-        let area = (shape.mesh.area() + extra().map(|shape| shape.mesh.area()).sum::<f32>()) / (diagonal * diagonal);
-        let has_cards = shape.cards.is_some() || extra().any(|shape| shape.cards.is_some());
-        LevelView::new(self.first + i, has_cards, (area, shape.deviation.percentile_95))
+        let (shape, is_runner_up) = choice.shape(selected);
+        let extra = self.shapes.extra.of(*budget).map(|(_, shape)| shape);
+        let view = level_view(self.first + i, (shape, extra), self.source.deviation_metric.diagonal());
+        let (params, number) = (self.params.level(*budget, view), self.first + i + 1);
+        LevelTask { all: *self, number, budget: *budget, shape, is_runner_up, params, run: run.level(number) }
     }
 }
 
 /// Which of the selected shapes a level is made from.
 #[derive(Clone, Copy, PartialEq, Eq)]
-enum Choice {
+pub(super) enum Choice {
     Best,
     RunnerUp,
+}
+
+impl Choice {
+    pub(super) fn of(is_runner_up: bool) -> Self {
+        if is_runner_up { Self::RunnerUp } else { Self::Best }
+    }
+
+    /// The shape, and if it is the runner-up. Without a runner-up, the best one.
+    pub(super) fn shape(self, selected: &Selected) -> (&Shape, bool) {
+        let runner_up = selected.runner_up.as_ref().filter(|_| self == Self::RunnerUp);
+        (runner_up.map_or(&selected.best, |runner_up| &runner_up.shape), runner_up.is_some())
+    }
+}
+
+/// The scores of both shapes are close, so that pictures decide.
+pub(super) fn is_close(selected: &Selected) -> bool {
+    selected.runner_up.as_ref().is_some_and(|runner_up| runner_up.relative_score < CLOSE_SCORE)
 }
 
 /// How much a level that was made looks like its source, in dB.
@@ -178,15 +180,9 @@ impl LevelTask<'_> {
         let Self { shape, run, .. } = self;
         let (params, cancellation) = (&self.params.unwrap, run.cancellation());
         let atlas = run.run(StageId::Unwrap, || {
-            let density = |mesh: &TriMesh, sphere: &BoundingSphere, double_sided| {
-                simplify::texel_density(mesh, sphere, double_sided, cancellation)
-            };
-            let mut mesh = shape.mesh.clone();
-            let mut densities = density(&mesh, &self.all.source.index.sphere, shape.double_sided);
-            for (layer, extra) in self.extra() {
-                mesh.append(&extra.mesh);
-                densities.extend(density(&extra.mesh, &layer.source.index.sphere, extra.double_sided));
-            }
+            let solid = (&shape.mesh, &self.all.source.index.sphere, shape.double_sided);
+            let extra = self.extra().map(|(layer, e)| (&e.mesh, &layer.source.index.sphere, e.double_sided));
+            let (mesh, densities) = charted(iter::once(solid).chain(extra), cancellation);
             let key = run.key(|| atlas_key(&mesh, &densities, params));
             let atlas = run.get_or_put(key, || Ok(unwrap(&mesh, Some(&densities), params, cancellation)))?;
             run.validate(StageId::Unwrap, || atlas.validate(mesh.triangles.len()));
@@ -214,7 +210,7 @@ impl LevelTask<'_> {
     /// outline in the texture.
     fn initial_texture(&self, atlas: &Atlas, influences: &[Influences]) -> Result<Option<Textured>, Error> {
         let Self { shape, run, .. } = self;
-        if shape.cards.is_some() || shape.mesh.triangles.is_empty() || !self.params.refine.moves_vertices() {
+        if !may_move(shape, &self.params) {
             return Ok(None);
         }
         run.run(StageId::Texture, || {

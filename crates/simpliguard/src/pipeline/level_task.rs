@@ -6,8 +6,12 @@ use super::params::{LevelParams, Params};
 use super::runner::Runner;
 use super::shapes::Shapes;
 use super::source::PreparedSource;
+use super::texture_sizes::LevelView;
 use super::views::Views;
-use crate::simplify::{LayerShape, Shape};
+use crate::Cancellation;
+use crate::data::TriMesh;
+use crate::geometry::BoundingSphere;
+use crate::simplify::{self, LayerShape, Shape};
 
 /// Everything that the levels of a bake share.
 #[derive(Clone, Copy)]
@@ -58,4 +62,37 @@ impl<'a> LevelTask<'a> {
     pub(super) fn extra(&self) -> impl Iterator<Item = (&'a ExtraLayer<'a>, &'a LayerShape)> {
         self.all.shapes.extra.of(self.budget)
     }
+}
+
+/// How large the level of an index comes into view, if it is made from a shape of the solid layer and those of the others.
+pub(super) fn level_view<'s>(
+    index: usize,
+    (shape, extra): (&Shape, impl Iterator<Item = &'s LayerShape>),
+    diagonal: f32,
+) -> LevelView {
+    let with = |(area, has_cards): (f32, bool), shape: &LayerShape| {
+        (area + shape.mesh.area(), has_cards || shape.cards.is_some())
+    };
+    let (extra_area, has_cards) = extra.fold((0.0, shape.cards.is_some()), with);
+    let area = (shape.mesh.area() + extra_area) / (diagonal * diagonal);
+    LevelView::new(index, has_cards, (area, shape.deviation.percentile_95))
+}
+
+/// The meshes of layers in one, and the relative texel density of each face. Each has the bounding sphere of its source, and
+/// tells if it is double-sided.
+pub(super) fn charted<'s>(
+    layers: impl Iterator<Item = (&'s TriMesh, &'s BoundingSphere, bool)>,
+    cancellation: &Cancellation,
+) -> (TriMesh, Vec<f32>) {
+    let (mut all, mut densities) = (TriMesh::default(), Vec::new());
+    for (mesh, sphere, double_sided) in layers {
+        densities.extend(simplify::texel_density(mesh, sphere, double_sided, cancellation));
+        all.append(mesh);
+    }
+    (all, densities)
+}
+
+/// The vertices of a level may be moved: its outline is that of its mesh. A level whose texture is cut out stays, too.
+pub(super) fn may_move(shape: &Shape, params: &LevelParams) -> bool {
+    shape.cards.is_none() && !shape.mesh.triangles.is_empty() && params.refine.moves_vertices()
 }

@@ -30,6 +30,7 @@ mod shapes;
 mod source;
 pub(crate) mod stage;
 pub(crate) mod store;
+mod stored_stages;
 mod targets;
 mod texture_sizes;
 mod version;
@@ -50,6 +51,7 @@ use views::Views;
 pub use baked::Baked;
 pub use bars::{Bars, Miss};
 pub use report::{Likeness, WrongMaterial};
+pub use stored_stages::{StageObject, stage_objects};
 pub use version::{OPT_LEVEL, PIPELINE_VERSION};
 
 /// Bakes levels of detail for one file.

@@ -56,8 +56,7 @@ pub(super) fn find(
     (targets, budgets, content): (&Targets, Vec<u32>, Option<Key>),
     run: &Runner<'_>,
 ) -> Result<Shapes, Error> {
-    let Params { candidates, collapse, .. } = *params;
-    let simplify = SimplifyParams { budgets, candidates, collapse };
+    let simplify = simplify_params(params, budgets);
     let key = content.map(|content| shapes_key(&content, &simplify, params));
     let form = run.key(|| form_key(source));
     let finder = ShapeFinder { source, views: views.scored(), params: &simplify, run, form };
@@ -74,10 +73,21 @@ pub(super) fn find(
         run.validate(StageId::Simplify, || Topology::validate_manifold(&shape.mesh));
     }
     views.half_resolution = half_resolution;
+    let (levels, unmet) = levels_of(&shapes, targets);
+    Ok(Shapes { levels, unmet, key, are_early, need_half_resolution })
+}
+
+/// The parameters of the stage for budgets of the solid layer.
+pub(super) fn simplify_params(params: &Params, budgets: Vec<u32>) -> SimplifyParams {
+    let Params { candidates, collapse, .. } = *params;
+    SimplifyParams { budgets, candidates, collapse }
+}
+
+/// The levels that meet the targets, of the shapes for each of their budgets; and notes on targets that none meets.
+pub(super) fn levels_of(shapes: &[Selected], targets: &Targets) -> (Vec<(u32, Selected)>, Vec<String>) {
     let budgets = targets.budgets();
     let (chosen, unmet) = targets.choose(&budgets, &shapes.iter().map(|s| s.best.deviation).collect::<Vec<_>>());
-    let levels = chosen.iter().map(|&i| (budgets[i], shapes[i].clone())).collect();
-    Ok(Shapes { levels, unmet, key, are_early, need_half_resolution })
+    (chosen.iter().map(|&i| (budgets[i], shapes[i].clone())).collect(), unmet)
 }
 
 /// The store holds the refined vertices of the level of a budget.

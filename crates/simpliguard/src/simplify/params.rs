@@ -38,6 +38,13 @@ impl CandidateParams {
         let source = self.source.then_some(Candidate::Source);
         self.reconstruction.map(Candidate::Reconstruction).into_iter().chain(source)
     }
+
+    /// All candidates that may be generated, the quick ones first.
+    pub fn all(&self) -> impl Iterator<Item = Candidate> {
+        let further = [self.fine, self.thick, self.finer].into_iter().flatten();
+        let cards = self.cards.then_some(Candidate::Cards);
+        self.first().chain(further.map(Candidate::Reconstruction)).chain(cards)
+    }
 }
 
 /// The collapse of a candidate to the budgets.

@@ -3,6 +3,7 @@
 mod contents;
 pub(crate) mod document;
 mod pipeline;
+mod stages;
 mod table;
 
 use std::path::Path;
@@ -14,6 +15,7 @@ use simpliguard_bake::{CachePlace, CachedBake, Parts, look_up};
 
 use self::contents::Contents;
 use self::document::Document;
+use self::stages::StageResult;
 use crate::args::InspectArgs;
 use crate::console;
 use crate::error::UsageError;
@@ -43,6 +45,8 @@ struct Inspection {
     /// The kinds of objects in an output of `bake` with `scope: Objects`.
     objects: Vec<ObjectSize>,
     settings: Vec<Setting>,
+    /// The stages of the bake and their results; none for a file that gets no levels.
+    stages: Vec<StageResult>,
     result: CachedResult,
     /// Notes on what the import leaves out.
     notes: Vec<String>,
@@ -146,6 +150,7 @@ fn inspect(path: &Path, args: &InspectArgs) -> Result<Inspection, UsageError> {
     let explicit = CachePlace { dir: args.cache_dir.as_deref(), shared: None };
     let cache = cache.open(explicit, |outside| console::warning(&outside.to_string()));
     let bake = CachedBake::new(file.source(), &resolved.settings, Parts::Combined, cache.as_ref())?;
+    let result = CachedResult::find(&bake, cache.as_ref());
     Ok(Inspection {
         version: DOCUMENT_VERSION,
         pipeline_version: PIPELINE_VERSION,
@@ -159,7 +164,8 @@ fn inspect(path: &Path, args: &InspectArgs) -> Result<Inspection, UsageError> {
             .effective()
             .map(|e| Setting { name: e.name, value: e.value, origin: e.origin.to_string() })
             .collect(),
-        result: CachedResult::find(&bake, cache.as_ref()),
+        stages: stages::results(&file.source(), &resolved.settings, cache.as_ref(), &result),
+        result,
         notes: model.notes.clone(),
         file: name,
     })

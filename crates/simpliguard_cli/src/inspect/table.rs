@@ -4,14 +4,17 @@ use bytesize::ByteSize;
 use simpliguard::gltf::GpuCost;
 
 use super::contents::{Clip, Contents, MaterialInfo, Mesh, Skin, TextureInfo};
+use super::stages::StageResult;
 use super::{CachedResult, Inspection, LevelSize, ObjectSize, Setting};
 use crate::output::columns;
 
 /// Items of a list that are shown; `--json` has all of them.
 const MOST: usize = 20;
+/// Digits of a key that are shown; `--json` has all of them.
+const KEY_DIGITS: usize = 12;
 
 pub(super) fn text(inspection: &Inspection) -> String {
-    let Inspection { file, bytes, contents, levels, objects, settings, .. } = inspection;
+    let Inspection { file, bytes, contents, levels, objects, settings, stages, .. } = inspection;
     let mut out = format!("{file}: {}\n\n", ByteSize(*bytes));
     out += &contents_text(contents);
     out += &memory_text(inspection);
@@ -22,6 +25,9 @@ pub(super) fn text(inspection: &Inspection) -> String {
     let header = ["object", "instances", "triangles", "triangles of its levels"];
     out += &list("objects", &header, Align::Numbers, objects, |_, kind| object(kind));
     out += &section("settings", &["setting", "value", "origin"], Align::Words, settings, setting);
+    if !stages.is_empty() {
+        out += &section("stages", &["stage", "level", "result", "key", "cached"], Align::Words, stages, stage);
+    }
     out += &result_text(&inspection.result, inspection.pipeline_version);
     inspection.notes.iter().for_each(|note| out += &format!("note: {note}\n"));
     out
@@ -148,6 +154,16 @@ fn object(object: &ObjectSize) -> Vec<String> {
 
 fn number(value: Option<u64>) -> String {
     value.map_or("-".to_owned(), |value| value.to_string())
+}
+
+fn stage(StageResult { stage, level, content, key, needs, cached }: &StageResult) -> Vec<String> {
+    let level = level.map_or("-".to_owned(), |level| format!("LOD{level}"));
+    let Some(content) = content else {
+        return vec![stage.to_string(), level, "not stored".to_owned(), "-".to_owned(), "-".to_owned()];
+    };
+    let needs = || needs.map_or("-".to_owned(), |stage| format!("needs {stage}"));
+    let key = key.as_ref().map_or_else(needs, |key| key.chars().take(KEY_DIGITS).collect());
+    vec![stage.to_string(), level, content.clone(), key, if *cached { "yes" } else { "no" }.to_owned()]
 }
 
 fn setting(setting: &Setting) -> Vec<String> {

@@ -1,6 +1,6 @@
 //! `inspect` on a model.
 
-use crate::bake::quick;
+use crate::bake::{QUICK, quick};
 use crate::folder::{Folder, sphere, triangle};
 
 #[test]
@@ -55,6 +55,60 @@ fn a_result_in_the_cache_and_the_levels_of_an_output_are_listed() {
     let text = folder.run(&["inspect", "lods/ball.glb"]).stdout;
     assert!(text.lines().any(|line| line.split_whitespace().take(2).eq(["LOD2", "100"])), "{text}");
     assert!(text.contains("memory on the GPU") && text.lines().any(|line| line.starts_with("source ")), "{text}");
+}
+
+/// The rows of a document that have a content: stage, level, and if the cache has them.
+fn stored(document: &serde_json::Value) -> Vec<(String, Option<u64>, bool)> {
+    let rows = document["stages"].as_array().expect("stages");
+    let of = |row: &serde_json::Value| {
+        let known = row["key"].as_str().map_or(row["needs"].is_string(), |key| key.len() == 64);
+        assert!(known, "{row}");
+        let stage = row["stage"].as_str().expect("a stage");
+        (stage.to_owned(), row["level"].as_u64(), row["cached"].as_bool().expect("a flag"))
+    };
+    rows.iter().filter(|row| row["content"].is_string()).map(of).collect()
+}
+
+#[test]
+fn stages_are_told_with_their_keys_and_whether_they_are_cached() {
+    let folder = Folder::new().with("ball.glb", sphere(16));
+    let settings = ["--faces", "50,100", "--set", "refine_steps=3"];
+    let baked = [&["ball.glb"], &settings[..]].concat();
+    let settings = [&settings[..], &QUICK].concat();
+    let inspect =
+        |more: &[&str]| folder.run(&[&["inspect", "ball.glb", "--json"], &settings[..], more].concat()).json();
+    let before = inspect(&[]);
+    assert!(stored(&before).iter().all(|(_, _, cached)| !cached), "{before}");
+    let key = |document: &serde_json::Value, stage: &str| {
+        let rows = document["stages"].as_array().expect("stages");
+        rows.iter().rfind(|row| row["stage"] == stage).expect(stage)["key"].clone()
+    };
+    assert!(key(&before, "simplify").is_string() && key(&before, "refine").is_null(), "{before}");
+    let text = folder.run(&[&["inspect", "ball.glb"], &settings[..]].concat()).stdout;
+    assert!(text.contains("needs simplify") && text.contains("not stored"), "{text}");
+
+    assert_eq!(quick(&folder, &baked).code, 0);
+    let after = inspect(&[]);
+    let of = |stage: &str, level| (stage.to_owned(), level, true);
+    let expected = [
+        of("simplify", None),
+        of("simplify", None),
+        of("unwrap", Some(1)),
+        of("unwrap", Some(2)),
+        of("refine", Some(1)),
+        of("refine", Some(2)),
+        of("export", None),
+    ];
+    assert_eq!(stored(&after), expected, "{after}");
+    assert_eq!((key(&before, "simplify"), &key(&after, "export")), (key(&after, "simplify"), &after["result"]["key"]));
+
+    // A changed parameter of a late stage leaves the earlier results.
+    let later = inspect(&["--set", "refine_steps=5"]);
+    let cached =
+        |(stage, _, cached): &(String, Option<u64>, bool)| *cached == !["refine", "export"].contains(&&**stage);
+    assert!(stored(&later).iter().all(cached), "{later}");
+    // A file that gets no levels has no stages.
+    assert_eq!(inspect(&["--set", "enabled=false"])["stages"], serde_json::json!([]));
 }
 
 #[test]

@@ -8,6 +8,7 @@ use crate::gltf::external_uris;
 use crate::pipeline::params::{LevelParams, Params};
 use crate::pipeline::source::PreparedSource;
 use crate::pipeline::stage::{STAGES, Stage};
+use crate::pipeline::texture_sizes::LevelView;
 use crate::settings::{AtlasSize, BakeSettings, Scope};
 use crate::simplify::SimplifyParams;
 use crate::skinning::JointPlane;
@@ -135,7 +136,9 @@ fn with_surface(key: KeyBuilder, surface: &Surface) -> KeyBuilder {
 }
 
 /// Which of its shapes a level is made from, by pictures of unrefined levels with an atlas and an initial texture.
-pub(crate) fn choice_key(shapes: &Key, params: &LevelParams, budget: u32) -> Key {
+/// `params` are those of such a draft.
+pub(crate) fn choice_key(shapes: &Key, params: &Params, budget: u32) -> Key {
+    let params = params.level(budget, LevelView::default());
     for_stages(&[StageId::Unwrap, StageId::Texture, StageId::Maps])
         .key(shapes)
         .params(&params.unwrap)
@@ -173,7 +176,6 @@ mod tests {
 
     use super::*;
     use crate::data::{Reconstruction, TextureFormat};
-    use crate::pipeline::texture_sizes::LevelView;
     use crate::settings::{Budgets, SourceGeometry};
     use crate::simplify::{CollapseParams, SimplifyParams};
     use crate::{NoResources, RelativeUri, Resources};
