@@ -72,10 +72,12 @@ const LPIPS_COLUMNS: [Column; 2] = [
 ];
 
 /// The columns of `--motion`.
-const MOTION_COLUMNS: [Column; 3] = [
+const MOTION_COLUMNS: [Column; 5] = [
     ("moving", |c| c.motion.map(|MotionMetrics { psnr, .. }| decibels(psnr))),
     ("foreground", |c| c.motion.map(|MotionMetrics { psnr_foreground, .. }| decibels(psnr_foreground))),
+    ("lit", |c| c.motion.map(|MotionMetrics { psnr_lit, .. }| decibels(psnr_lit))),
     ("worst drop", |c| c.motion.map(|MotionMetrics { worst_drop, .. }| decibels(worst_drop))),
+    ("lit", |c| c.motion.map(|MotionMetrics { worst_drop_lit, .. }| decibels(worst_drop_lit))),
 ];
 
 impl<'a> Document<'a> {

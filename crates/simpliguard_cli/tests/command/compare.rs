@@ -44,7 +44,7 @@ fn the_table_has_a_row_for_each_level() {
     let lines: Vec<Vec<&str>> = run.stdout.lines().map(|line| line.split_whitespace().collect()).collect();
     assert_eq!(lines.len(), 3, "{}", run.stdout);
     assert_eq!(lines[1][..7], ["ball.glb", "276", "100.00", "100.00", "100.00", "1.000", "0.000"]);
-    assert_eq!(lines[1][7..], ["100.00", "100.00", "0.000", "0.00", "-", "-", "-"]);
+    assert_eq!(lines[1][7..], ["100.00", "100.00", "0.000", "0.00", "-", "-", "-", "-", "-"]);
     assert_eq!(lines[2][..2], ["one.glb", "1"]);
 }
 
