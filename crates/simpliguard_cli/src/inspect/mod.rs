@@ -3,6 +3,7 @@
 mod contents;
 pub(crate) mod document;
 mod pipeline;
+mod result;
 mod stages;
 mod table;
 
@@ -11,10 +12,11 @@ use std::path::Path;
 use serde::Serialize;
 use simpliguard::PIPELINE_VERSION;
 use simpliguard::gltf::{GpuCost, ImportLimits, gpu_cost, gpu_cost_besides, import};
-use simpliguard_bake::{CachePlace, CachedBake, Parts, look_up};
+use simpliguard_bake::{CachePlace, CachedBake, Parts};
 
 use self::contents::Contents;
 use self::document::Document;
+use self::result::CachedResult;
 use self::stages::StageResult;
 use crate::args::InspectArgs;
 use crate::console;
@@ -101,25 +103,6 @@ struct Setting {
     origin: String,
 }
 
-/// The result of a bake with these settings.
-#[derive(Serialize)]
-struct CachedResult {
-    /// It stands for all bytes of the source, the settings and the version of the pipeline.
-    key: String,
-    cached: bool,
-    /// Of a result in the cache.
-    levels: Vec<CachedLevel>,
-}
-
-#[derive(Serialize)]
-struct CachedLevel {
-    level: u32,
-    budget: u32,
-    faces: u32,
-    error: f32,
-    psnr: Option<f32>,
-}
-
 pub(crate) fn run(args: &InspectArgs) -> Result<(), UsageError> {
     let text = match &args.file {
         Some(file) => {
@@ -169,21 +152,4 @@ fn inspect(path: &Path, args: &InspectArgs) -> Result<Inspection, UsageError> {
         notes: model.notes.clone(),
         file: name,
     })
-}
-
-impl CachedResult {
-    /// Looks a result up in the cache of this machine.
-    fn find(bake: &CachedBake<'_>, cache: Option<&simpliguard_cache::Cache>) -> Self {
-        let warn = |notice: simpliguard_bake::Notice| console::warning(&notice.to_string());
-        let found = cache.and_then(|cache| look_up(cache, &bake.key(), Parts::Combined, warn));
-        let level = |report: &simpliguard::LevelReport| CachedLevel {
-            level: report.level,
-            budget: report.budget,
-            faces: report.faces,
-            error: report.error,
-            psnr: report.likeness.as_ref().map(|likeness| likeness.psnr),
-        };
-        let levels = found.iter().flat_map(|result| &result.report.levels).map(level).collect();
-        Self { key: bake.key().to_string(), cached: found.is_some(), levels }
-    }
 }

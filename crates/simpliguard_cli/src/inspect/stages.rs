@@ -6,7 +6,7 @@ use simpliguard::{Key, STAGES, Source, StageId, StageObject, StageStore, stage_o
 use simpliguard_bake::StageObjects;
 use simpliguard_cache::Cache;
 
-use super::CachedResult;
+use super::result::CachedResult;
 use crate::console;
 
 /// A result of a stage. A stage that stores none has a row without a content.

@@ -4,8 +4,9 @@ use bytesize::ByteSize;
 use simpliguard::gltf::GpuCost;
 
 use super::contents::{Clip, Contents, MaterialInfo, Mesh, Skin, TextureInfo};
+use super::result::{CachedLevel, CachedResult};
 use super::stages::StageResult;
-use super::{CachedResult, Inspection, LevelSize, ObjectSize, Setting};
+use super::{Inspection, LevelSize, ObjectSize, Setting};
 use crate::output::columns;
 
 /// Items of a list that are shown; `--json` has all of them.
@@ -70,7 +71,7 @@ fn result_text(CachedResult { key, cached, levels }: &CachedResult, pipeline_ver
     let mut out = format!("result: key {key}, pipeline version {pipeline_version}: {found}\n");
     if !levels.is_empty() {
         let header = ["level", "budget", "faces", "error %", "PSNR"].map(str::to_owned).to_vec();
-        let row = |level: &super::CachedLevel| {
+        let row = |level: &CachedLevel| {
             let psnr = level.psnr.map_or("-".to_owned(), |psnr| format!("{psnr:.1}"));
             let error = format!("{:.2}", 100.0 * level.error);
             vec![format!("LOD{}", level.level), level.budget.to_string(), level.faces.to_string(), error, psnr]
