@@ -1,16 +1,24 @@
-//! The table of results: how much the levels of a folder of models look like their sources, beside those of meshoptimizer.
+//! The table of results: how much the levels of a folder of models look like their sources, beside those of three peers.
 //!
 //! ```text
-//! cargo run --release -p simpliguard_eval --example results -- [--faces 1000,2000,4000] [--views N] [--baked DIR]
-//!     [--lpips-weights FILE] [--bench DIR] FOLDER
+//! cargo run --release -p simpliguard_eval --example results -- [--faces 1000,2000,4000] [--set field=value]...
+//!     [--views N] [--volume] [--baked DIR] [--lpips-weights FILE] [--bench DIR] FOLDER
 //! ```
 //!
-//! It bakes every `.glb` file of the folder with the built-in settings, or takes `DIR/<name>_<budget>.glb`, as `simpliguard
-//! bake --split-levels` writes them. meshoptimizer collapses the source's own mesh; its textures stay. With `--bench`, there is
-//! no meshoptimizer, and a table of how much the figures of another benchmark differ.
+//! It bakes every `.glb` file of the folder, or takes `DIR/<name>_<budget>.glb`, as `simpliguard
+//! bake --split-levels` writes them. The peers are:
+//!
+//! - QEM: the welded mesh collapses by quadric error of positions alone; textures stay, by nearest points of the source;
+//! - meshoptimizer: edge collapse of the source's own mesh, where attributes weigh in; textures stay;
+//! - re-bake: our bake without differentiable rendering. A ray along the normal, or else the nearest point of the source, gives
+//!   each texel; nothing is fitted to views.
+//!
+//! With `--bench`, there are no peers, and a table of how much the figures of another benchmark differ.
 
 mod agreement;
-mod peer;
+mod meshoptimizer;
+mod paper;
+mod qem;
 mod table;
 
 use std::error::Error;
@@ -18,17 +26,20 @@ use std::path::{Path, PathBuf};
 
 use simpliguard::data::Model;
 use simpliguard::gltf::{ImportLimits, import};
-use simpliguard::settings::BakeSettings;
+use simpliguard::settings::{BakeOverrides, BakeSettings, Layer, LevelMaterials, Origin, resolve};
 use simpliguard::{Context, NoResources, Source, bake};
 use simpliguard_eval::Lpips;
 use simpliguard_eval::compare::{Options, compare};
 
+use qem::Qem;
 use table::Row;
 
 /// What was asked for.
 struct Arguments {
-    faces: Vec<u32>,
+    settings: BakeSettings,
     views: usize,
+    /// Also compare the volumes, which takes long.
+    volume: bool,
     baked: Option<PathBuf>,
     lpips: Option<Lpips>,
     /// Folder of the figures of another benchmark.
@@ -37,13 +48,20 @@ struct Arguments {
 }
 
 fn arguments() -> Result<Arguments, Box<dyn Error>> {
-    let (mut faces, mut views, mut folder) = (BakeSettings::default().faces, 20, None);
+    let mut overrides = BakeOverrides::default();
+    let (mut views, mut volume, mut folder) = (20, false, None);
     let (mut baked, mut lpips, mut bench) = (None, None, None);
     let mut words = std::env::args().skip(1);
     while let Some(word) = words.next() {
         let mut value = || words.next().ok_or_else(|| format!("{word} needs a value"));
         match word.as_str() {
-            "--faces" => faces = value()?.split(',').map(str::parse).collect::<Result<_, _>>()?,
+            "--faces" => overrides.set("faces", &value()?)?,
+            "--set" => {
+                let text = value()?;
+                let (name, value) = text.split_once('=').ok_or("--set takes field=value")?;
+                overrides.set(name, value)?;
+            }
+            "--volume" => volume = true,
             "--views" => views = value()?.parse()?,
             "--baked" => baked = Some(value()?.into()),
             "--bench" => bench = Some(PathBuf::from(value()?)),
@@ -51,7 +69,9 @@ fn arguments() -> Result<Arguments, Box<dyn Error>> {
             _ => folder = Some(word.into()),
         }
     }
-    Ok(Arguments { faces, views, baked, lpips, bench, folder: folder.ok_or("name the folder with the models")? })
+    let folder = folder.ok_or("name the folder with the models")?;
+    let settings = resolve(vec![Layer { origin: Origin::CommandLine, overrides }])?.settings;
+    Ok(Arguments { settings, views, volume, baked, lpips, bench, folder })
 }
 
 fn main() -> Result<(), Box<dyn Error>> {
@@ -69,7 +89,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     match &arguments.bench {
         Some(folder) => agreement::agreement(&rows, folder),
         None => {
-            table::means(&arguments.faces, &rows);
+            paper::tables(&arguments.settings.faces, &rows);
             Ok(())
         }
     }
@@ -88,35 +108,50 @@ fn models_in(folder: &Path) -> Result<Vec<PathBuf>, Box<dyn Error>> {
     Ok(models)
 }
 
-/// Compares the levels of both methods with one source, and prints their rows.
+/// A level of one method: the method, the budget and the level.
+type MethodLevel = (&'static str, u32, Model);
+
+/// Compares the levels of all methods with one source, and prints their rows.
 fn measure(file: &Path, arguments: &Arguments) -> Result<Vec<Row>, Box<dyn Error>> {
     let name = file.file_stem().unwrap_or_default().to_string_lossy().into_owned();
     let bytes = std::fs::read(file)?;
     let source = import(&Source { name: &name, bytes: &bytes, resources: &NoResources }, &ImportLimits::default())?;
+    let settings = &arguments.settings;
     let ours = match &arguments.baked {
-        Some(folder) => read_levels(folder, &name, &arguments.faces)?,
-        None => bake_levels(&name, &bytes, &arguments.faces)?,
+        Some(folder) => read_levels(folder, &name, &settings.faces)?,
+        None => bake_levels(&name, &bytes, settings)?,
     };
-    let mut levels: Vec<(&'static str, u32, Model)> = Vec::new();
-    for (budget, model) in ours {
-        levels.push(("simpliguard", budget, model));
-        if arguments.bench.is_none() {
-            levels.push(("meshoptimizer", budget, peer::collapse(&source, budget as usize)?));
-        }
+    let budgets: Vec<u32> = ours.iter().map(|(budget, _)| *budget).collect();
+    let mut levels: Vec<MethodLevel> = ours.into_iter().map(|(budget, model)| ("simpliguard", budget, model)).collect();
+    if arguments.bench.is_none() {
+        let rebaked = BakeSettings { refine: false, materials: LevelMaterials::Baked, ..settings.clone() };
+        let rebaked = bake_levels(&name, &bytes, &rebaked)?;
+        levels.extend(rebaked.into_iter().map(|(budget, model)| ("re-bake", budget, model)));
+        collapsed(&source, &budgets, &mut levels)?;
     }
     let models: Vec<&Model> = levels.iter().map(|(_, _, model)| model).collect();
-    let (volume, lpips) = (arguments.bench.is_some(), arguments.lpips.as_ref());
-    let options = Options { views: arguments.views, volume, motion: false, lpips };
+    let volume = arguments.volume || arguments.bench.is_some();
+    let options = Options { views: arguments.views, volume, motion: false, lpips: arguments.lpips.as_ref() };
     let compared = compare(&source, &models, &options);
-    let row = |(&(method, budget, _), comparison)| Row { model: name.clone(), method, budget, comparison };
+    let textured = source.materials.iter().any(|material| material.base_color_texture.is_some());
+    let row = |(&(method, budget, _), comparison)| Row { model: name.clone(), textured, method, budget, comparison };
     let rows: Vec<Row> = levels.iter().zip(compared).map(row).collect();
     rows.iter().for_each(|row| row.print());
     Ok(rows)
 }
 
-fn bake_levels(name: &str, bytes: &[u8], faces: &[u32]) -> Result<Vec<(u32, Model)>, Box<dyn Error>> {
-    let settings = BakeSettings { faces: faces.to_vec(), ..BakeSettings::default() };
-    let baked = bake(&Source { name, bytes, resources: &NoResources }, &settings, &Context::default())?;
+/// Adds the levels of the peers that collapse the source.
+fn collapsed(source: &Model, budgets: &[u32], levels: &mut Vec<MethodLevel>) -> Result<(), Box<dyn Error>> {
+    let qem = Qem::new(source);
+    for &budget in budgets {
+        levels.push(("meshoptimizer", budget, meshoptimizer::collapse(source, budget as usize)?));
+        levels.push(("QEM", budget, qem.collapse(budget as usize)));
+    }
+    Ok(())
+}
+
+fn bake_levels(name: &str, bytes: &[u8], settings: &BakeSettings) -> Result<Vec<(u32, Model)>, Box<dyn Error>> {
+    let baked = bake(&Source { name, bytes, resources: &NoResources }, settings, &Context::default())?;
     let Some(source) = baked.model.filter(|_| !baked.levels.is_empty()) else {
         return Err(format!("it gets no levels: it has {} triangles", baked.report.source_faces).into());
     };

@@ -1,13 +1,15 @@
-//! The tables, as Markdown.
+//! The table of all levels, as Markdown.
 
 use simpliguard_eval::compare::{Comparison, ImageMetrics};
 
 /// The methods, in the order of the columns.
-const METHODS: [&str; 2] = ["simpliguard", "meshoptimizer"];
+pub(crate) const METHODS: [&str; 4] = ["QEM", "meshoptimizer", "re-bake", "simpliguard"];
 
 /// A level of one method.
 pub(crate) struct Row {
     pub(crate) model: String,
+    /// The model has a texture for its base colour.
+    pub(crate) textured: bool,
     pub(crate) method: &'static str,
     pub(crate) budget: u32,
     pub(crate) comparison: Comparison,
@@ -29,6 +31,7 @@ impl Row {
             method,
             budget,
             comparison: Comparison { faces, unlit, lit, perceptual, silhouette_iou, .. },
+            ..
         } = self;
         let ImageMetrics { psnr, psnr_foreground, ssim, flip } = unlit;
         let silhouette = 100.0 * silhouette_iou;
@@ -39,30 +42,6 @@ impl Row {
             lit.psnr
         ));
     }
-}
-
-/// The table of means: a row for each budget, over the models that have a level for it.
-pub(crate) fn means(budgets: &[u32], rows: &[Row]) {
-    say("");
-    say(&format!("| triangles | models | {} | {}, lit |", METHODS.join(" | "), METHODS.join(", lit | ")));
-    say(&format!("|---|---|{}", "---|".repeat(2 * METHODS.len())));
-    for &budget in budgets {
-        let of = |method: &'static str| rows.iter().filter(move |row| row.budget == budget && row.method == method);
-        let models = of(METHODS[0]).count();
-        if models == 0 {
-            continue;
-        }
-        let cells: Vec<String> = [|c: &Comparison| c.unlit, |c: &Comparison| c.lit]
-            .iter()
-            .flat_map(|image| METHODS.map(|method| mean(of(method).map(|row| image(&row.comparison).psnr))))
-            .collect();
-        say(&format!("| {budget} | {models} | {} |", cells.join(" | ")));
-    }
-}
-
-fn mean(values: impl Iterator<Item = f64>) -> String {
-    let values: Vec<f64> = values.collect();
-    format!("{:.2}", values.iter().sum::<f64>() / values.len().max(1) as f64)
 }
 
 #[allow(clippy::print_stdout, reason = "the tables are this program's output")]
