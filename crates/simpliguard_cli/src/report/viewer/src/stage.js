@@ -147,6 +147,7 @@ export class Stage {
     const all = Number(this.holder.dataset.faces).toLocaleString("en");
     // The bake leaves out triangles without an area.
     const isWhole = (source?.triangles ?? 0) >= Number(this.holder.dataset.faces);
+    this.holder.toggleAttribute("data-preview", !isWhole);
     this.holder.querySelector(".source-label").textContent =
       isWhole ? `Source (${all} triangles)` : `Source preview (${count(source)} of ${all} triangles)`;
     const name = this.levels[this.level - 1] ?? "";
