@@ -6,8 +6,9 @@ use bevy::prelude::*;
 use bevy::render::RenderApp;
 use bevy::render::render_phase::{BinnedRenderPhase, ViewBinnedRenderPhases};
 use bevy_simpliguard::lod::{LodPlugin, LodSettings, LodStats};
+use simpliguard::gltf::compress_textures;
 use simpliguard::settings::{Layer, Origin, parse_meta, resolve};
-use simpliguard::{Context, NoResources, Source, bake};
+use simpliguard::{Cancellation, Context, NoResources, Source, bake};
 
 use crate::scene::{Scene, octopus};
 use crate::village;
@@ -27,9 +28,20 @@ const NEIGHBOURS: usize = 5;
 
 #[test]
 #[ignore = "draws 600 pictures: needs a Vulkan driver, and minutes where that is software"]
-#[expect(clippy::print_stdout, reason = "the figures")]
 fn levels_do_not_pop() {
-    let mut scene = Scene::new(octopus().glb, LodPlugin::default(), SIDE, true);
+    approach(octopus().glb);
+}
+
+#[test]
+#[ignore = "draws 600 pictures: needs a Vulkan driver, and minutes where that is software"]
+fn levels_in_blocks_do_not_pop() {
+    let blocks = compress_textures("octopus.glb", &octopus().glb, &Cancellation::default());
+    approach(blocks.expect("a baked file"));
+}
+
+#[expect(clippy::print_stdout, reason = "the figures")]
+fn approach(glb: Vec<u8>) {
+    let mut scene = Scene::new(glb, LodPlugin::default(), SIDE, true);
     let (with, levels) = scene.approach(WAY, |_| LodSettings::default());
     let (without, _) = scene.approach(WAY, |_| LodSettings { enabled: false, ..default() });
     // From the smallest level to the source at once, as nobody should.
