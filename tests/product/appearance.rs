@@ -17,6 +17,8 @@ use crate::scene::{PLACE, Scene, octopus};
 const SIDE: u32 = 1440;
 /// Length of the octopus' diagonal in metres.
 const DIAGONAL: f32 = 1.1;
+/// Factor on the difference of a level from its source that blocks may cost.
+const BLOCKS_COST: f64 = 1.05;
 /// What a level may lose in the game, in dB.
 const LOSS: f64 = 1.0;
 
@@ -85,9 +87,16 @@ fn differences(glb: &[u8], filters: &Filters) -> Vec<[f64; 2]> {
 fn levels_look_like_their_source_where_they_switch() {
     let glb = octopus().glb;
     let blocks = compress_textures("octopus.glb", &glb, &Cancellation::default()).expect("a baked file");
-    for filters in filters() {
+    let found = filters().map(|filters| {
         let found = differences(if filters.blocks { &blocks } else { &glb }, &filters);
         println!("{}: {found:.2?}", filters.name);
+        found
+    });
+    let [apart, alike, in_blocks] = found.map(|levels| levels.concat());
+    let each = apart.iter().zip(&alike).zip(&in_blocks);
+    for ((apart, alike), in_blocks) in each {
+        assert!(alike < apart, "filters that differ come closer");
+        assert!(*in_blocks < BLOCKS_COST * alike, "blocks change the look: {in_blocks:.2} for {alike:.2}");
     }
 }
 
