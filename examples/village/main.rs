@@ -52,6 +52,9 @@ struct Options {
     /// Height of the window in pixels.
     #[arg(long, default_value_t = 720)]
     size: u32,
+    /// Largest anisotropy of filters: drivers that render in software spend most of a frame on them.
+    #[arg(long, default_value_t = SimpliguardPlugin::default().anisotropy)]
+    anisotropy: u16,
 }
 
 /// Where the village is seen from.
@@ -97,7 +100,7 @@ fn main() -> AppExit {
     };
     App::new()
         .add_plugins((
-            SimpliguardPlugin { mode: Some(BakeMode::Blocking), ..default() },
+            SimpliguardPlugin { mode: Some(BakeMode::Blocking), anisotropy: options.anisotropy, ..default() },
             DefaultPlugins.set(assets).set(WindowPlugin { primary_window: Some(window), ..default() }),
             OverlayPlugin::default(),
         ))

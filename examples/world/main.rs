@@ -1,8 +1,8 @@
 //! A world of 1,000 rocks of 50 models, and a flight over it: what it costs to have all sources in memory, and what it costs
-//! to load them on demand.
+//! to load them on demand, and all levels but the smallest too.
 //!
 //! ```sh
-//! cargo run --example world                     # sources on demand; prints figures and ends
+//! cargo run --example world                     # sources and levels on demand; prints figures and ends
 //! cargo run --example world -- --keep           # all sources in memory
 //! cargo run --example world -- --uncompressed   # the same, with textures as images in place of blocks
 //! cargo run --example world -- --plain          # the models as they are, without levels
@@ -58,7 +58,7 @@ struct Options {
     /// Height of the window in pixels.
     #[arg(long, default_value_t = 720)]
     size: u32,
-    /// Bytes on the GPU that all sources may take, in MiB.
+    /// Bytes on the GPU that all sources and levels on demand may take, in MiB.
     #[arg(long, default_value_t = 64)]
     budget: u64,
 }
@@ -102,7 +102,7 @@ struct Flight {
     way: f32,
     since: f32,
     frames: Vec<f32>,
-    /// Frames in which a rock showed the placeholder of its source.
+    /// Frames in which a rock showed a placeholder.
     gaps: u32,
     most: u64,
 }
@@ -246,7 +246,8 @@ fn fly(
     flight.most = flight.most.max(stats.bytes);
     if flight.since >= INTERVAL {
         flight.since = 0.0;
-        println!("{:5.0} m: {} of {} sources, {}", flight.way, stats.resident, stats.models, mib(stats.bytes));
+        let SourceStats { models, resident, levels, bytes, .. } = *stats;
+        println!("{:5.0} m: {resident} of {models} sources and {levels} levels, {}", flight.way, mib(bytes));
         if let Some(folder) = &options.screenshot {
             let _ = std::fs::create_dir_all(folder);
             let path = folder.join(format!("world_{:03.0}.png", flight.way));
@@ -258,7 +259,7 @@ fn fly(
         frames.sort_by(f32::total_cmp);
         let (mean, last) = (frames.iter().sum::<f32>() / frames.len() as f32, frames.len().saturating_sub(1));
         println!(
-            "{} frames: mean {mean:.1} ms, 99 % {:.1} ms, longest {:.1} ms; {} with a gap; at most {} of sources; {} resident, at most {}",
+            "{} frames: mean {mean:.1} ms, 99 % {:.1} ms, longest {:.1} ms; {} with a gap; at most {} of sources and levels; {} resident, at most {}",
             frames.len(),
             frames[last * 99 / 100],
             frames[last],
@@ -271,11 +272,11 @@ fn fly(
     }
 }
 
-/// Counts frames in which a rock shows its source while that is away.
+/// Counts frames in which a rock shows its source or a level while that is away.
 fn look_for_gaps(mut flight: ResMut<Flight>, rocks: Query<&SimpliguardLods>, meshes: Res<Assets<Mesh>>) {
     let has_gap = |lods: &SimpliguardLods| {
-        let source = lods.levels.first().filter(|level| level.level == 0 && lods.current == 0);
-        let mut parts = source.into_iter().flat_map(|level| &level.primitives);
+        let shown = lods.levels.iter().filter(|level| level.level == lods.current);
+        let mut parts = shown.flat_map(|level| &level.primitives);
         parts.any(|part| meshes.get(&part.mesh).is_none_or(|mesh| mesh.count_vertices() <= PLACEHOLDER))
     };
     if rocks.iter().any(has_gap) {

@@ -5,7 +5,7 @@ use std::path::Path;
 use bevy::prelude::*;
 use bevy_simpliguard::lod::{LodSettings, SourceSettings, SourceStats};
 use simpliguard::Cancellation;
-use simpliguard::gltf::{compress_textures, divide_source};
+use simpliguard::gltf::{compress_textures, divide};
 
 use crate::blocks::psnr;
 use crate::scene::{Scene, octopus};
@@ -45,7 +45,7 @@ fn save(name: &str, pictures: &[&[u8]]) {
 #[expect(clippy::print_stdout, reason = "the figures")]
 fn a_source_on_demand_arrives_without_a_gap_and_is_the_source() {
     let glb = compress_textures("octopus.glb", &octopus().glb, &Cancellation::default()).expect("a baked file");
-    let divided = divide_source("octopus.glb", &glb).expect("a baked file").expect("source and levels");
+    let divided = divide("octopus.glb", &glb).expect("a baked file").expect("source and levels");
     let mut always = Scene::new(glb, default(), SIDE, true);
     look(&mut always, NEAR);
     let [source, level] = [0, 3].map(|level| {

@@ -17,16 +17,18 @@ use bevy::prelude::*;
 use bevy::time::TimeUpdateStrategy;
 use bevy::world_serialization::WorldSerializationPlugin;
 use bevy_simpliguard::lod::{
-    LodGroup, LodLevel, LodPlugin, OnDemandSource, SimpliguardLods, SourceSettings, SourceStats,
+    LodGroup, LodLevel, LodPlugin, LodSettings, LodView, OnDemand, SimpliguardLods, SourceSettings, SourceStats,
 };
 use simpliguard::Cancellation;
-use simpliguard::gltf::{Divided, compress_textures, divide_source};
+use simpliguard::gltf::{Divided, compress_textures, divide};
 
 use super::bake::OCTOPUS;
 
 /// A distance at which the source is seen, and one at which the smallest level is.
 const NEAR: f32 = 1.0;
 const FAR: f32 = 500.0;
+/// The numbers of the parts of the octopus: its source, and a level. The smallest level, 1, is always there.
+const LEVELS: [u32; 2] = [0, 2];
 /// Vertices of a placeholder.
 const PLACEHOLDER: usize = 3;
 /// Frames in which anything that is to happen has happened.
@@ -35,7 +37,7 @@ const PATIENCE: usize = 5000;
 /// The octopus as a game imports it with `source: OnDemand`.
 static DIVIDED: LazyLock<Divided> = LazyLock::new(|| {
     let whole = compress_textures("octopus.glb", &OCTOPUS.glb, &Cancellation::default()).expect("a baked file");
-    divide_source("octopus.glb", &whole).expect("a baked file").expect("it has a source and levels")
+    divide("octopus.glb", &whole).expect("a baked file").expect("it has a source and levels")
 });
 
 /// A game with octopuses, each of another file.
@@ -48,15 +50,15 @@ struct Game {
 }
 
 impl Game {
-    /// An octopus at each of these places.
-    fn new(places: &[Vec3], with_source: bool) -> Self {
+    /// An octopus at each of these places. Of what is loaded on demand, only these levels have files.
+    fn new(places: &[Vec3], there: &[u32]) -> Self {
         let (mut app, [models, sources]) = (App::new(), [Dir::default(), Dir::default()]);
         let files = models.clone();
         for i in 0..places.len() {
             models.insert_asset(Path::new(&format!("{i}.glb")), DIVIDED.levels.clone());
-            if with_source {
-                let path = format!("{i}.glb/{}", DIVIDED.source_name);
-                sources.insert_asset(Path::new(&path), DIVIDED.source.clone());
+            for (_, part) in DIVIDED.parts.iter().enumerate().filter(|(k, _)| there.contains(&LEVELS[*k])) {
+                let path = format!("{i}.glb/{}", part.name);
+                sources.insert_asset(Path::new(&path), part.bytes.clone());
             }
         }
         for (id, root) in [(AssetSourceId::Default, models), ("on_demand".into(), sources)] {
@@ -104,7 +106,7 @@ impl Game {
     }
 
     fn one() -> Self {
-        Self::new(&[Vec3::ZERO], true)
+        Self::new(&[Vec3::ZERO], &LEVELS)
     }
 
     fn look_from(&mut self, distance: f32) {
@@ -182,7 +184,7 @@ impl Game {
     /// Vertices of the source, and sides of its textures.
     fn source(&mut self) -> (usize, Vec<u32>) {
         let world = self.app.world_mut();
-        let source = world.query::<&OnDemandSource>().iter(world).next().expect("a source on demand").clone();
+        let source = world.query::<&OnDemand>().iter(world).next().expect("a source on demand").parts[0].clone();
         let (meshes, images) = (world.resource::<Assets<Mesh>>(), world.resource::<Assets<Image>>());
         let vertices = source.meshes.iter().map(|mesh| meshes.get(mesh).expect("there").count_vertices()).sum();
         (vertices, source.textures.iter().map(|texture| images.get(texture).expect("there").width()).collect())
@@ -199,18 +201,18 @@ fn a_source_comes_with_a_camera_and_goes_some_time_after_it() {
     assert_eq!((game.source(), game.stats().bytes), ((PLACEHOLDER, vec![1]), 0));
     assert_eq!(game.stats(), SourceStats { models: 1, ..default() });
 
-    // The most detailed level is there at once, and then the source.
+    // The smallest level is there at once, and then the source.
     game.look_from(NEAR);
     game.frame();
-    assert_eq!(game.current(0), 2);
+    assert_eq!(game.current(0), 1);
     game.run_until("the source", |game| game.current(0) == 0);
     game.run_for(1.0);
     let (vertices, textures) = game.source();
     assert!(vertices > 1000 && textures == [1024], "{vertices} {textures:?}");
-    let expected = SourceStats { models: 1, resident: 1, bytes: game.stats().bytes, ..default() };
+    let expected = SourceStats { models: 1, resident: 1, levels: 1, bytes: game.stats().bytes, ..default() };
     assert_eq!(game.stats(), expected);
-    // Blocks of all mipmaps, and 8 KiB for each of 1,000 vertices would be a lot.
-    assert!((1_398_128..1_398_128 + 8 * 1024 * 1000).contains(&expected.bytes), "{expected:?}");
+    // Blocks of all mipmaps of both, and 8 KiB for each of 1,000 vertices would be a lot.
+    assert!((1_398_128..2 * 1_398_128 + 8 * 1024 * 1000).contains(&expected.bytes), "{expected:?}");
     let level = game.lods(octopus).expect("levels").levels[0].clone();
     assert!(level.primitives.iter().map(|part| &part.mesh).eq(&handles));
     assert_eq!(game.shown(&level), Some(true));
@@ -256,7 +258,7 @@ fn a_camera_that_comes_fast_finds_the_source_there() {
 
 #[test]
 fn sources_keep_to_the_budget_and_the_nearest_comes_first() {
-    let mut game = Game::new(&[Vec3::ZERO, Vec3::X * 0.4], true);
+    let mut game = Game::new(&[Vec3::ZERO, Vec3::X * 0.4], &[0]);
     game.look_at_from(Vec3::new(-0.4, 0.0, 0.0));
     game.run_until("both", |game| game.stats().resident == 2);
     let bytes = game.stats().bytes;
@@ -298,12 +300,60 @@ fn a_reload_keeps_models_in_view_and_brings_their_source_again() {
 
 #[test]
 fn a_source_that_cannot_be_loaded_leaves_the_most_detailed_level() {
-    let mut game = Game::new(&[Vec3::ZERO], false);
+    let mut game = Game::new(&[Vec3::ZERO], &[2]);
     game.look_from(NEAR);
     game.run_until("a failure", |game| game.stats().failed == 1);
     game.run_for(2.0);
     assert_eq!((game.current(0), game.source()), (2, (PLACEHOLDER, vec![1])));
-    assert_eq!(game.stats(), SourceStats { models: 1, failed: 1, ..default() });
+    assert_eq!(game.stats(), SourceStats { models: 1, failed: 1, levels: 1, bytes: game.stats().bytes, ..default() });
+}
+
+#[test]
+fn a_level_comes_before_the_source_and_stays_while_that_is_seen() {
+    let mut game = Game::one();
+    let switches: Vec<f32> = {
+        let world = game.app.world_mut();
+        let group = world.query::<&LodGroup>().single(world).expect("one").clone();
+        let view = LodView { height: 720.0, fov: std::f32::consts::FRAC_PI_4 };
+        [1, 2].map(|slot| group.switch_distance(slot, 1.0, view, &LodSettings::default())).to_vec()
+    };
+    // Between the place where the most detailed level is alone and the one where the smallest begins.
+    game.look_from(0.3 * switches[0] + 0.7 * switches[1]);
+    game.run_until("the level", |game| game.current(0) == 2);
+    game.run_for(1.0);
+    let with_level = game.stats();
+    assert_eq!(with_level, SourceStats { models: 1, levels: 1, bytes: with_level.bytes, ..default() });
+    game.look_from(NEAR);
+    game.run_until("the source", |game| game.current(0) == 0);
+    game.run_for(6.0);
+    assert_eq!((game.stats().resident, game.stats().levels), (1, 1));
+    assert!(game.stats().bytes > with_level.bytes);
+    game.look_from(FAR);
+    game.run_for(6.5);
+    assert_eq!((game.current(0), game.stats()), (1, SourceStats { models: 1, ..default() }));
+}
+
+#[test]
+fn a_level_that_cannot_be_loaded_leaves_the_smallest_until_the_source_is_there() {
+    let mut game = Game::new(&[Vec3::ZERO], &[0]);
+    game.look_from(NEAR);
+    game.frame();
+    assert_eq!(game.current(0), 1);
+    game.run_until("the source", |game| game.current(0) == 0);
+    game.run_for(1.0);
+    assert_eq!((game.stats().resident, game.stats().levels), (1, 0));
+}
+
+#[test]
+fn the_scene_of_a_level_has_it_at_once() {
+    let mut game = Game::one();
+    let scene = {
+        let gltf = game.app.world().resource::<Assets<Gltf>>().get(&game.models[0]).expect("loaded");
+        gltf.named_scenes["LOD2"].clone()
+    };
+    game.app.world_mut().spawn(WorldAssetRoot(scene));
+    game.run_until("the level", |game| game.stats().levels == 1);
+    assert_eq!((game.stats().resident, game.current(0)), (0, 1));
 }
 
 #[test]
@@ -312,7 +362,7 @@ fn another_version_of_a_model_has_another_source() {
     // Bevy takes changes of the first frames for part of the first load.
     game.run_for(0.5);
     let mut other = DIVIDED.levels.clone();
-    let name = DIVIDED.source_name.as_bytes();
+    let name = DIVIDED.parts[0].name.as_bytes();
     let place = other.windows(name.len()).position(|bytes| bytes == name).expect("it names the source");
     other[place] = if name[0] == b'0' { b'1' } else { b'0' };
     game.files.insert_asset(Path::new("0.glb"), other);

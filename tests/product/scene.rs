@@ -50,11 +50,12 @@ impl Scene {
         Self::with(glb, levels, side, plugins)
     }
 
-    /// As [`Self::new`], of a model whose source is loaded on demand from another file.
+    /// As [`Self::new`], of a model whose source and levels are loaded on demand from other files.
     pub(crate) fn on_demand(model: Divided, side: u32) -> Self {
         let sources = Dir::default();
-        let path = format!("model.glb/{}", model.source_name);
-        sources.insert_asset(Path::new(&path), model.source);
+        for part in model.parts {
+            sources.insert_asset(Path::new(&format!("model.glb/{}", part.name)), part.bytes);
+        }
         let levels = (model.levels, Some(sources));
         Self::of_files(levels, LodPlugin::default(), side, without_window())
     }

@@ -1,6 +1,6 @@
-//! Sources that a game loads on demand: the processed file of a model gets the levels alone, and the source becomes a file of
-//! its own in a folder beside the processed files. Its name is that of its content, so levels always find the source that they
-//! belong to, whichever of the two files is replaced first.
+//! Sources and detailed levels that a game loads on demand: the processed file of a model gets the smallest levels alone, and
+//! the source and each other level become files of their own in a folder beside the processed files. Their names are those of
+//! their content, so a model always finds the parts that belong to it, whichever of the files is replaced first.
 
 use std::fs;
 use std::io;
@@ -10,14 +10,14 @@ use std::time::SystemTime;
 use bevy::asset::AssetPath;
 use bevy::asset::io::AssetSourceId;
 use bevy::prelude::*;
-use simpliguard::gltf::{Divided, divide_source};
+use simpliguard::gltf::{DividedPart, divide};
 use simpliguard::settings::{BakeSettings, SourceGeometry};
 use simpliguard_cache::{Durability, write_atomic_through};
 
 use super::journal::Journal;
 
-/// The processed file of a model with levels: the whole, or the levels alone with the source beside it. Where it cannot be
-/// divided, it stays whole.
+/// The processed file of a model with levels: the whole, or the smallest levels alone with the other parts beside it. Where it
+/// cannot be divided, it stays whole.
 pub(super) fn processed_file(
     journal: &Journal,
     path: &AssetPath<'static>,
@@ -28,8 +28,8 @@ pub(super) fn processed_file(
     if settings.source != SourceGeometry::OnDemand || *path.source() != AssetSourceId::Default {
         return whole;
     }
-    match divide_source(&path.to_string(), &whole) {
-        Ok(Some(divided)) => match place(journal, &folder, &divided) {
+    match divide(&path.to_string(), &whole) {
+        Ok(Some(divided)) => match place(journal, &folder, &divided.parts) {
             Ok(()) => return divided.levels,
             Err(error) => warn!("{path}: its source is always loaded, because {} failed: {error}", folder.display()),
         },
@@ -39,28 +39,37 @@ pub(super) fn processed_file(
     whole
 }
 
-/// Writes the file of a source, unless it is there.
-fn place(journal: &Journal, folder: &Path, divided: &Divided) -> io::Result<()> {
-    let file = folder.join(&divided.source_name);
+/// Writes the files of parts, unless they are there.
+fn place(journal: &Journal, folder: &Path, parts: &[DividedPart]) -> io::Result<()> {
     fs::create_dir_all(folder)?;
-    if !file.exists() {
-        write_atomic_through(&journal.scratch()?, &file, &divided.source, Durability::Process)?;
+    for DividedPart { name, bytes } in parts {
+        let file = folder.join(name);
+        if !file.exists() {
+            write_atomic_through(&journal.scratch()?, &file, bytes, Durability::Process)?;
+        }
     }
-    remove_old(folder, &file)
+    remove_old(folder, parts)
 }
 
-/// Removes the other files of a model, but for the last one: the game may still have the levels that belong to it.
-fn remove_old(folder: &Path, file: &Path) -> io::Result<()> {
+/// Removes the files of other versions of a model, but for those of the last one: the game may still have the levels that belong
+/// to it.
+fn remove_old(folder: &Path, parts: &[DividedPart]) -> io::Result<()> {
     let mut others: Vec<(SystemTime, PathBuf)> = Vec::new();
     for entry in fs::read_dir(folder)? {
         let entry = entry?;
-        if entry.path() != file && entry.file_type()?.is_file() {
+        let is_current = parts.iter().any(|part| entry.file_name().to_str() == Some(&part.name));
+        if !is_current && entry.file_type()?.is_file() {
             others.push((entry.metadata()?.modified()?, entry.path()));
         }
     }
-    others.sort();
-    others.pop();
-    others.iter().try_for_each(|(_, old)| fs::remove_file(old))
+    let Some(last) = others.iter().max().map(|(_, file)| version(file)) else { return Ok(()) };
+    others.iter().filter(|(_, file)| version(file) != last).try_for_each(|(_, old)| fs::remove_file(old))
+}
+
+/// What the names of the files of one version have in common.
+fn version(file: &Path) -> Option<String> {
+    let name = file.file_name()?.to_str()?;
+    Some(name.split(['_', '.']).next()?.to_owned())
 }
 
 /// Removes the files of models that are gone.
@@ -97,22 +106,25 @@ mod tests {
         (dir, journal)
     }
 
-    fn divided(name: &str) -> Divided {
-        Divided { levels: b"levels".to_vec(), source: b"source".to_vec(), source_name: name.into() }
+    fn parts(names: &[&str]) -> Vec<DividedPart> {
+        names.iter().map(|name| DividedPart { name: (*name).into(), bytes: b"part".to_vec() }).collect()
     }
 
     #[test]
-    fn the_last_source_of_a_model_stays_until_the_next_but_one() {
+    fn the_last_parts_of_a_model_stay_until_the_next_but_one() {
         let (_dir, journal) = journal();
         let folder = journal.source_folder(&"models/a.glb".into());
-        for (i, name) in ["1.glb", "2.glb", "3.glb"].into_iter().enumerate() {
-            place(&journal, &folder, &divided(name)).expect("writes");
-            let time = SystemTime::UNIX_EPOCH + std::time::Duration::from_secs(i as u64);
-            let file = fs::File::options().write(true).open(folder.join(name)).expect("opens");
-            file.set_modified(time).expect("sets");
+        let versions = [["1.glb", "1_LOD2.glb"], ["2.glb", "2_LOD2.glb"], ["3.glb", "3_LOD2.glb"]];
+        for (i, names) in versions.iter().enumerate() {
+            place(&journal, &folder, &parts(names)).expect("writes");
+            for (j, name) in names.iter().enumerate() {
+                let time = SystemTime::UNIX_EPOCH + std::time::Duration::from_secs((2 * i + j) as u64);
+                let file = fs::File::options().write(true).open(folder.join(name)).expect("opens");
+                file.set_modified(time).expect("sets");
+            }
         }
-        let there = ["1.glb", "2.glb", "3.glb"].map(|name| folder.join(name).exists());
-        assert_eq!(there, [false, true, true]);
+        let there = versions.map(|names| names.map(|name| folder.join(name).exists()));
+        assert_eq!(there, [[false; 2], [true; 2], [true; 2]]);
     }
 
     #[test]
@@ -121,7 +133,7 @@ mod tests {
         remove_stale(&journal).expect("there is no folder");
         let paths = ["models/a.glb", "models/b.glb", "gone/c.glb"].map(AssetPath::from);
         for path in &paths {
-            place(&journal, &journal.source_folder(path), &divided("1.glb")).expect("writes");
+            place(&journal, &journal.source_folder(path), &parts(&["1.glb"])).expect("writes");
         }
         let processed = journal.processed_file(&paths[0]);
         fs::create_dir_all(processed.parent().expect("a folder")).expect("writes");

@@ -107,11 +107,12 @@ impl Choice {
     }
 }
 
-/// The distance of an object whose diagonal is `size` pixels long, in units of the distance from which its first level is shown
-/// alone. Its source is seen below 1.
-pub(super) fn source_distance(rungs: &[Rung], size: f32, pixel_error: f32, fade: f32) -> f32 {
-    let Some(first) = rungs.get(1).filter(|_| pixel_error > 0.0) else { return 0.0 };
-    let distance = pixel_error / (first.error * size * (1.0 + fade));
+/// The distance of an object whose diagonal is `size` pixels long, in units of the distance from which the next coarser level is
+/// shown alone. The level with the index `slot`, or a more detailed one, is seen below 1. Infinite for a level that is not used.
+pub(super) fn level_distance(rungs: &[Rung], slot: usize, size: f32, pixel_error: f32, fade: f32) -> f32 {
+    let Some(place) = rungs.iter().position(|rung| rung.slot == slot) else { return f32::INFINITY };
+    let Some(coarser) = rungs.get(place + 1).filter(|_| pixel_error > 0.0) else { return 0.0 };
+    let distance = pixel_error / (coarser.error * size * (1.0 + fade));
     if distance.is_nan() { f32::INFINITY } else { distance }
 }
 
@@ -263,16 +264,18 @@ mod tests {
     }
 
     #[test]
-    fn the_source_is_seen_below_a_distance_of_one() {
-        let rungs = rungs([0.0, 1.0 / 128.0, 1.0 / 32.0], 1.0);
-        // The first level begins at a size of 128 pixels, and is alone at half of it.
-        assert_eq!(source_distance(&rungs, 64.0, 1.0, 1.0), 1.0);
-        assert_eq!(source_distance(&rungs, 256.0, 1.0, 1.0), 0.25);
+    fn a_level_or_a_more_detailed_one_is_seen_below_a_distance_of_one() {
+        let rungs = rungs([0.0, 1.0 / 128.0, 1.0 / 130.0, 1.0 / 32.0], 1.0);
+        let distance = |slot, size| level_distance(&rungs, slot, size, 1.0, 1.0);
+        // The first level begins at a size of 130 pixels, and is alone at half of it. The next is alone at 16 pixels.
+        assert_eq!([64.0, 256.0].map(|size| distance(0, size)), [1.0, 0.25]);
+        assert_eq!([16.0, 64.0].map(|size| distance(1, size)), [1.0, 0.25]);
         assert_eq!(choose(&rungs, 66.0, 1.0, 1.0, 0).slot, 0);
         assert_eq!(choose(&rungs, 64.0, 1.0, 1.0, 0), Choice::only(1));
-        assert_eq!(source_distance(&rungs, 200.0, 0.0, 1.0), 0.0);
-        assert_eq!(source_distance(&rungs[..1], 200.0, 1.0, 1.0), 0.0);
-        assert_eq!(source_distance(&super::rungs([0.0, 0.0], 0.5), 200.0, 1.0, 0.5), f32::INFINITY);
+        assert_eq!(distance(2, 64.0), f32::INFINITY, "it is not used");
+        assert_eq!(distance(3, 64.0), 0.0, "nothing is coarser");
+        assert_eq!(level_distance(&rungs, 0, 200.0, 0.0, 1.0), 0.0);
+        assert_eq!(level_distance(&super::rungs([0.0, 0.0], 0.5), 0, 200.0, 1.0, 0.5), f32::INFINITY);
     }
 
     #[test]

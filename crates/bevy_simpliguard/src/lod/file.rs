@@ -18,7 +18,7 @@ pub(super) struct LodFile {
     names: Vec<(Option<usize>, String)>,
     /// Not empty. One group for the whole scene, or one for each object, and behind them the one that stands for all.
     pub(super) groups: Vec<FileGroup>,
-    /// The groups whose most detailed level has a mesh, by that mesh.
+    /// The groups, by the mesh of the level that tells their bounds.
     pub(super) by_mesh: HashMap<usize, Vec<usize>>,
     /// Materials of levels that are seen mirrored.
     pub(super) mirrored: HashSet<usize>,
@@ -46,6 +46,8 @@ pub(super) struct FileGroup {
     pub(super) replaces: Vec<usize>,
     /// The levels in falling detail. Not empty.
     pub(super) levels: Vec<FileLevel>,
+    /// The node of the level that tells the bounds: of those that are in the file, the most detailed one.
+    pub(super) of_bounds: usize,
 }
 
 /// A level, as its node describes it.
@@ -80,10 +82,11 @@ struct Stamp {
 }
 
 impl LodFile {
-    /// The levels of a document. `None` if it has none, or only levels of another tool.
-    pub(super) fn read(document: &gltf::Document, name: &str) -> Option<Self> {
+    /// The levels of a document. `None` if it has none, or only levels of another tool. `is_away` tells for a mesh whether the
+    /// file has a placeholder in its place.
+    pub(super) fn read(document: &gltf::Document, name: &str, is_away: impl Fn(usize) -> bool) -> Option<Self> {
         let objects = objects(document, name);
-        let groups: Vec<FileGroup> = match objects.is_empty() {
+        let mut groups: Vec<FileGroup> = match objects.is_empty() {
             true => whole(document, name).into_iter().collect(),
             false => objects.into_iter().chain(of_all_objects(document, name)).collect(),
         };
@@ -93,8 +96,12 @@ impl LodFile {
         let (mut by_mesh, mut mirrored) = (HashMap::<usize, Vec<usize>>::new(), HashSet::new());
         let rest = rest_pose(document);
         let mesh_of = |level: &FileLevel| document.nodes().nth(level.node)?.mesh();
-        for (number, group) in groups.iter().enumerate() {
-            if let Some(mesh) = group.levels.first().and_then(mesh_of) {
+        for (number, group) in groups.iter_mut().enumerate() {
+            let is_there = |level: &&FileLevel| mesh_of(level).is_some_and(|mesh| !is_away(mesh.index()));
+            if let Some(level) = group.levels.iter().find(is_there) {
+                group.of_bounds = level.node;
+            }
+            if let Some(mesh) = document.nodes().nth(group.of_bounds).and_then(|node| node.mesh()) {
                 by_mesh.entry(mesh.index()).or_default().push(number);
             }
             if group.is_mirrored(&rest) {
@@ -139,7 +146,8 @@ impl FileGroup {
         let (space, replaces) = (first.space, first.replaces.clone());
         let mut levels: Vec<FileLevel> = stamps.into_iter().map(|(node, s)| FileLevel::new(node, &s)).collect();
         levels.sort_by_key(|level| std::cmp::Reverse(level.budget));
-        Some(Self { holder, of, space, replaces, levels })
+        let of_bounds = levels.first()?.node;
+        Some(Self { holder, of, space, replaces, levels, of_bounds })
     }
 
     /// The nodes that a scene must have.
@@ -292,7 +300,7 @@ mod tests {
             "nodes": nodes,
         });
         let document = gltf::Gltf::from_slice_without_validation(json.to_string().as_bytes()).expect("glTF").document;
-        LodFile::read(&document, "model.glb")
+        LodFile::read(&document, "model.glb", |_| false)
     }
 
     fn holder(ids: serde_json::Value) -> serde_json::Value {

@@ -23,7 +23,7 @@ use bevy::gltf::{
 use bevy::mesh::MeshVertexAttribute;
 use bevy::mesh::morph::MeshMorphWeights;
 use bevy::mesh::skinning::SkinnedMesh;
-use bevy::platform::collections::HashMap;
+use bevy::platform::collections::{HashMap, HashSet};
 use bevy::prelude::*;
 use bevy::tasks::ConditionalSendFuture;
 
@@ -32,7 +32,7 @@ use super::components::{LodGroup, LodLevel, LodMember, LodPrimitive};
 use super::fade::Show;
 use super::file::{self, FileGroup, FileLevel, LodFile, Of};
 use super::mipmaps::{self, Mipmaps};
-use super::on_demand::{SourceOfFile, is_source};
+use super::on_demand::{PartsOfFile, Presence, is_part};
 
 /// Defaults of the loader settings that entities depend on. A file may override them.
 #[derive(Clone, Copy, Default)]
@@ -50,9 +50,9 @@ pub(super) struct LodHandler {
     mipmaps: Option<Mipmaps>,
     /// The levels of the file that is being loaded, if it has any.
     file: Option<Arc<LodFile>>,
-    /// The source that is loaded on demand, if the file has one.
-    source: Option<Arc<SourceOfFile>>,
-    /// Box of the most detailed level of each group, in the space of the levels.
+    /// What is loaded on demand, if anything is.
+    on_demand: Option<Arc<PartsOfFile>>,
+    /// Box of the most detailed level of each group that is in the file, in the space of the levels.
     bounds: HashMap<usize, Bounds>,
     /// Entities of the nodes of the scene that is being built.
     entities: HashMap<usize, Entity>,
@@ -66,7 +66,7 @@ impl LodHandler {
         mipmaps: Option<Mipmaps>,
     ) -> Self {
         let (bounds, entities) = (HashMap::default(), HashMap::default());
-        Self { others, defaults, mipmaps, file: None, source: None, bounds, entities }
+        Self { others, defaults, mipmaps, file: None, on_demand: None, bounds, entities }
     }
 }
 
@@ -81,11 +81,12 @@ impl GltfExtensionHandler for LodHandler {
             self.defaults.convert_coordinates =
                 settings.convert_coordinates.unwrap_or(self.defaults.convert_coordinates);
             self.defaults.bounds_policy = settings.skinned_mesh_bounds_policy.unwrap_or(self.defaults.bounds_policy);
-            self.file = LodFile::read(&gltf.document, &name).map(Arc::new);
-            self.source = SourceOfFile::of(&gltf.document).map(Arc::new);
+            self.on_demand = PartsOfFile::of(&gltf.document).map(Arc::new);
+            let is_away = |mesh| self.on_demand.as_ref().is_some_and(|parts| parts.has(mesh));
+            self.file = LodFile::read(&gltf.document, &name, is_away).map(Arc::new);
         }
         if let Some(mipmaps) = &mut self.mipmaps {
-            let has_levels = self.file.is_some() || is_source(&gltf.document);
+            let has_levels = self.file.is_some() || is_part(&gltf.document);
             mipmaps.begin(&gltf.document, &name, settings, has_levels);
         }
     }
@@ -141,7 +142,7 @@ impl GltfExtensionHandler for LodHandler {
     }
 
     fn on_gltf_node(&mut self, _: &mut LoadContext<'_>, node: &gltf::Node<'_>, entity: &mut EntityWorldMut<'_>) {
-        if self.file.is_some() || self.source.is_some() {
+        if self.file.is_some() || self.on_demand.is_some() {
             self.entities.insert(node.index(), entity.id());
         }
     }
@@ -154,11 +155,13 @@ impl GltfExtensionHandler for LodHandler {
         world: &mut World,
     ) {
         let entities = std::mem::take(&mut self.entities);
-        let source = self.source.clone().filter(|source| source.is_in(|node| entities.contains_key(node)));
+        let nodes: HashSet<usize> = entities.keys().copied().collect();
         let has_all = self.build_groups(context, root, world, entities);
-        if let Some(source) = source {
-            let rotate_meshes = self.defaults.convert_coordinates.rotate_meshes;
-            world.entity_mut(root).insert(source.component(context, rotate_meshes, !has_all));
+        let Some(parts) = &self.on_demand else { return };
+        let rotate_meshes = self.defaults.convert_coordinates.rotate_meshes;
+        if let Some(on_demand) = parts.component(context, rotate_meshes, (|node: &usize| nodes.contains(node), has_all)) {
+            let presence = Presence::none(&on_demand);
+            world.entity_mut(root).insert((on_demand, presence));
         }
     }
 }
@@ -194,10 +197,10 @@ impl LodHandler {
         count == file.groups.len()
     }
 
-    /// Extends the box of a group by a primitive of its most detailed level.
+    /// Extends the box of a group by a primitive of the level that [`FileGroup::of_bounds`] names.
     fn extend_bounds(&mut self, file: &LodFile, number: usize, primitive: &gltf::Primitive<'_>, buffers: &[Vec<u8>]) {
         let group = &file.groups[number];
-        let Some(node) = group.levels.first().and_then(|level| file.node(level.node)) else { return };
+        let Some(node) = file.node(group.of_bounds) else { return };
         let skinned = || {
             node.skin()?;
             bounds::skinned(&file.rest, file.space_of(group).inverse(), &node, primitive, buffers)

@@ -45,6 +45,7 @@
 mod blocks;
 mod bounds;
 mod components;
+mod cover;
 mod distance;
 mod fade;
 mod file;
@@ -72,7 +73,7 @@ pub use self::components::{LodGroup, LodLevel, LodMember, LodPrimitive, LodSetti
 use self::handler::{LoaderDefaults, LodHandler};
 pub use self::memory::{Memory, ModelMemory, memory_of};
 use self::mipmaps::{Mipmaps, TextureOptions};
-pub use self::on_demand::{OnDemandSource, SourceSettings, SourceStats};
+pub use self::on_demand::{OnDemand, OnDemandPart, SourceSettings, SourceStats};
 use self::on_demand::{Presence, Residency};
 pub use self::stats::{LodLevelStats, LodStats};
 
@@ -115,7 +116,7 @@ impl Plugin for LodPlugin {
             .register_type::<SimpliguardLods>()
             .register_type::<LodGroup>()
             .register_type::<LodMember>()
-            .register_type::<OnDemandSource>()
+            .register_type::<OnDemand>()
             .register_type::<Presence>()
             .register_type::<SourceSettings>()
             .register_type::<SourceStats>()

@@ -6,10 +6,11 @@ use bevy::prelude::*;
 use bevy::world_serialization::WorldAssetRoot;
 
 use super::components::{LodGroup, LodLevel, LodMember, LodSettings, SimpliguardLods};
-use super::distance::{Choice, FADE_STEPS, Rung, View, choose, rungs, source_distance};
+use super::cover::{Cover, stand_in};
+use super::distance::{Choice, FADE_STEPS, Rung, View, choose, level_distance, rungs};
 use super::fade::Show;
 use super::kept::KeptObjects;
-use super::on_demand::{OnDemandSource, Presence};
+use super::on_demand::{OnDemand, Presence};
 
 /// The state of a group between frames.
 #[derive(Component)]
@@ -18,10 +19,9 @@ pub(super) struct LodState {
     root: Entity,
     /// The entity with the scene that this is an object of.
     scene: Option<Entity>,
-    /// The entity with the source, if that is loaded on demand.
-    source: Option<Entity>,
-    /// Distance in units of the one below which the source is seen.
-    distance: f32,
+    /// The entity with [`OnDemand`], if levels are loaded on demand.
+    on_demand: Option<Entity>,
+    nearness: Nearness,
     rungs: Vec<Rung>,
     /// The levels that are shown. `None` before the first selection.
     choice: Option<Choice>,
@@ -37,24 +37,15 @@ pub(super) struct LodState {
     is_source_changed: bool,
 }
 
-/// A level that stands before a source until that is there.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-struct Cover {
-    slot: usize,
-    /// Sixteenths of its pixels that have given way to the source. The source is drawn whole behind it, so that no pixel is
-    /// without either while a renderer gets ready for the source.
-    step: u8,
-}
-
-impl Cover {
-    fn show(self, choice: Choice, veil: Veil, whole: Show) -> Show {
-        match veil {
-            Veil::None if self.step > 0 && choice.next.is_none() && whole == Show::Whole => Show::FadeOut(self.step),
-            Veil::None => whole,
-            Veil::Fading(step) => Show::FadeOut(step),
-            Veil::Hidden => Show::Nothing,
-        }
-    }
+/// What decides which levels are near enough to be wanted.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Nearness {
+    /// There is no camera.
+    Unknown,
+    /// This level is wanted from any distance.
+    Only(usize),
+    /// The diagonal of the object is so many pixels long.
+    Size(f32),
 }
 
 /// What is left of an object while levels that stand for all objects are shown.
@@ -85,14 +76,20 @@ impl LodState {
         self.choice
     }
 
-    /// The entity with the source that is loaded on demand.
-    pub(super) fn source(&self) -> Option<Entity> {
-        self.source
+    /// The entity with [`OnDemand`].
+    pub(super) fn on_demand(&self) -> Option<Entity> {
+        self.on_demand
     }
 
-    /// The distance in units of the one below which the source is seen.
-    pub(super) fn distance(&self) -> f32 {
-        self.distance
+    /// The distance in units of the one below which a level, or a more detailed one, is seen.
+    pub(super) fn distance(&self, slot: usize, settings: &LodSettings) -> f32 {
+        match self.nearness {
+            Nearness::Only(only) if only == slot => 0.0,
+            Nearness::Only(_) | Nearness::Unknown => f32::INFINITY,
+            Nearness::Size(size) => {
+                level_distance(&self.rungs, slot, size, settings.pixel_error, settings.fade.clamp(0.0, 1.0))
+            }
+        }
     }
 
     /// The indices of the levels that are drawn.
@@ -103,11 +100,15 @@ impl LodState {
         [first, next.filter(|next| cover != Some(*next)), cover].into_iter().flatten()
     }
 
-    /// The level in place of the source while that may be seen in part.
-    fn cover(&self, choice: Choice, presences: &Query<'_, '_, &Presence>) -> Option<Cover> {
-        let steps = presences.get(self.source?).map_or(0, |presence| presence.steps);
-        let slot = self.rungs.get(1).filter(|_| choice.slot == 0 && steps < FADE_STEPS)?.slot;
-        Some(Cover { slot, step: steps })
+    /// What is drawn for a choice while levels are away.
+    fn drawn_for(
+        &self,
+        choice: Choice,
+        levels: &[LodLevel],
+        presences: &Query<'_, '_, &Presence>,
+    ) -> (Choice, Option<Cover>) {
+        let Some(presence) = self.on_demand.and_then(|entity| presences.get(entity).ok()) else { return (choice, None) };
+        stand_in(choice, &self.rungs, |slot| presence.steps(levels.get(slot)?.level))
     }
 
     /// Index of the level with the most pixels.
@@ -122,7 +123,7 @@ pub(super) fn attach(
     mut commands: Commands<'_, '_>,
     groups: Query<'_, '_, (Entity, &LodGroup, Option<&ChildOf>), Added<LodGroup>>,
     mut roots: Query<'_, '_, Option<&mut KeptObjects>, With<WorldAssetRoot>>,
-    (parents, sources): (Query<'_, '_, &ChildOf>, Query<'_, '_, (), With<OnDemandSource>>),
+    (parents, on_demand): (Query<'_, '_, &ChildOf>, Query<'_, '_, (), With<OnDemand>>),
 ) {
     for (group, levels, parent) in &groups {
         let parent = parent.map(ChildOf::parent);
@@ -140,8 +141,8 @@ pub(super) fn attach(
         commands.entity(group).insert(LodState {
             root,
             scene: instance.filter(|&instance| instance != root),
-            source: above.find(|&entity| has_source && sources.contains(entity)),
-            distance: f32::INFINITY,
+            on_demand: above.find(|&entity| has_source && on_demand.contains(entity)),
+            nearness: Nearness::Unknown,
             rungs: Vec::new(),
             choice: None,
             cover: None,
@@ -256,9 +257,9 @@ pub(super) fn switch_levels(
             if is_fresh {
                 state.rungs = rungs(group.levels.iter().map(|level| level.error), fade);
             }
-            let (choice, distance) = selection.choice(group, &state, transform, wish);
-            state.distance = distance;
-            let cover = state.cover(choice, &presences);
+            let (choice, nearness) = selection.choice(group, &state, transform, wish);
+            state.nearness = nearness;
+            let (choice, cover) = state.drawn_for(choice, &group.levels, &presences);
             if is_fresh || (state.choice, state.cover) != (Some(choice), cover) || state.is_veil_changed {
                 (state.choice, state.cover) = (Some(choice), cover);
                 state.is_veil_changed = false;
@@ -310,25 +311,25 @@ struct Selection<'a> {
 }
 
 impl Selection<'_> {
-    /// The level for a group, and its distance in units of the one below which its source is seen.
+    /// The levels for a group, and what decides which ones are wanted.
     fn choice(
         &self,
         group: &LodGroup,
         state: &LodState,
         transform: &GlobalTransform,
         Wish { force, bias, enabled }: Wish,
-    ) -> (Choice, f32) {
+    ) -> (Choice, Nearness) {
         if !self.settings.enabled || !enabled || state.is_source_cut {
-            return (Choice::only(0), 0.0);
+            return (Choice::only(0), Nearness::Only(0));
         }
         if let Some(number) = self.settings.force.or(force) {
             // A level that is forced is one of the objects' own.
             let slot = if group.objects.is_empty() { forced(&group.levels, number) } else { 0 };
-            return (Choice::only(slot), if slot == 0 { 0.0 } else { f32::INFINITY });
+            return (Choice::only(slot), Nearness::Only(slot));
         }
         let current = state.choice.unwrap_or(Choice::only(0));
         if self.views.is_empty() {
-            return (current, f32::INFINITY);
+            return (current, Nearness::Unknown);
         }
         let affine = transform.affine();
         let axes = [affine.matrix3.x_axis, affine.matrix3.y_axis, affine.matrix3.z_axis];
@@ -338,8 +339,7 @@ impl Selection<'_> {
         // A bias on distances is one on sizes: the object counts as so much closer.
         let size = (2.0 * radius * pixels * (self.settings.bias * bias).max(0.0)).min(f32::MAX);
         let (pixel_error, fade) = (self.settings.pixel_error, self.settings.fade.clamp(0.0, 1.0));
-        let distance = source_distance(&state.rungs, size, pixel_error, fade);
-        (choose(&state.rungs, size, pixel_error, fade, current.main()), distance)
+        (choose(&state.rungs, size, pixel_error, fade, current.main()), Nearness::Size(size))
     }
 }
 
@@ -356,7 +356,8 @@ fn show(levels: &[LodLevel], state: &LodState, can_fade: bool, ranges: &mut Quer
     for (slot, level) in levels.iter().enumerate() {
         let cover = state.cover.filter(|cover| cover.slot == slot);
         let show = match (veil, choice.next) {
-            _ if cover.is_some() => cover.map_or(whole, |cover| cover.show(choice, veil, whole)),
+            (Veil::None, _) if cover.is_some() => cover.map_or(whole, |cover| cover.show(choice, whole)),
+            (Veil::Fading(step), _) if cover.is_some() => Show::FadeOut(step),
             (Veil::None, None) if slot == choice.slot => whole,
             (Veil::None, Some((_, step))) if slot == choice.slot => Show::FadeOut(step),
             (Veil::None, Some((next, step))) if slot == next => Show::FadeIn(step),

@@ -23,5 +23,5 @@ pub use gpu_cost::{
 pub(crate) use import::import_in;
 pub use import::{ImportLimits, import};
 pub(crate) use objects::{ObjectScene, SCENE_HINT, describe_scene};
-pub use on_demand::{Divided, divide_source};
+pub use on_demand::{Divided, DividedPart, divide};
 pub use uris::{check_binary, external_uris};

@@ -61,8 +61,8 @@ choice! {
         Keep,
         /// The meshes and textures of the source are left out; its nodes and clips stay.
         Drop,
-        /// A game that imports its models loads the source's meshes and textures when somebody comes near. Where the command
-        /// bakes, the source comes first, as with `Keep`.
+        /// A game that imports its models loads the meshes and textures of the source, and of all levels but the smallest,
+        /// when somebody comes near. Where the command bakes, the source comes first, as with `Keep`.
         OnDemand,
     }
 }

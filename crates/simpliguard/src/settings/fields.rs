@@ -175,7 +175,8 @@ settings! {
     /// Treatment of a file that already has levels of detail.
     existing_lods: ExistingLods = always(ExistingLods::Keep), Limit::None;
     /// Treatment of the source's own geometry, which comes before the levels in the output. `OnDemand` is for games with this
-    /// plugin: they load the source when somebody comes near, and drop it later. The command takes it for `Keep`.
+    /// plugin: they load the source, and levels but for the smallest, when somebody comes near, and drop them later. The command
+    /// takes it for `Keep`.
     source: SourceGeometry = always(SourceGeometry::Keep), Limit::None;
     /// What gets levels: the whole scene of a file, or each of its objects. An object is a node with a mesh, or a skin
     /// with all that hangs on its joints. Equal objects share their levels.

@@ -1,17 +1,19 @@
-//! What a game sets and sees of sources on demand.
+//! What a game sets and sees of sources and levels on demand.
 
 use bevy::asset::AssetPath;
 use bevy::prelude::*;
 
-/// Settings of the sources that are loaded on demand, for the whole app. They may change at any time.
+use crate::lod::distance::FADE_STEPS;
+
+/// Settings of the sources and levels that are loaded on demand, for the whole app. They may change at any time.
 #[derive(Resource, Reflect, Clone, Debug, PartialEq)]
 #[reflect(Resource, Default, Clone, PartialEq)]
 pub struct SourceSettings {
-    /// Bytes on the GPU that all sources together may take. The nearest come first.
+    /// Bytes on the GPU that all of them together may take. The nearest come first.
     pub budget: u64,
-    /// Seconds that a source stays after the last time it was wanted.
+    /// Seconds that one stays after the last time it was wanted.
     pub keep: f32,
-    /// Seconds before a camera comes so near that a source is to be seen, at its present speed, at which it is loaded.
+    /// Seconds before a camera comes so near that one is to be seen, at its present speed, at which it is loaded.
     pub ahead: f32,
 }
 
@@ -21,7 +23,7 @@ impl Default for SourceSettings {
     }
 }
 
-/// Statistics of the sources that are loaded on demand.
+/// Statistics of the sources and levels that are loaded on demand.
 #[derive(Resource, Reflect, Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[reflect(Resource, Default, Clone, PartialEq)]
 pub struct SourceStats {
@@ -33,47 +35,70 @@ pub struct SourceStats {
     pub loading: u32,
     /// Those whose source cannot be loaded.
     pub failed: u32,
-    /// Bytes on the GPU of sources that are there or on their way, by their files.
+    /// Levels that were loaded on demand and are there. The smallest ones are always there and do not count.
+    pub levels: u32,
+    /// Bytes on the GPU of sources and levels that are there or on their way, by their files.
     pub bytes: u64,
 }
 
-/// The source of a model that is loaded on demand, on the root entity of each scene of its file.
+/// What of a model is loaded on demand, on the root entity of each scene of its file that may show it.
 #[derive(Component, Reflect, Clone, Debug)]
 #[reflect(Component, Clone)]
-#[require(Presence)]
-pub struct OnDemandSource {
-    /// The path of the file with the source, in the asset source [`SOURCE`](super::SOURCE).
-    pub file: String,
-    /// Bytes of the source on the GPU.
-    pub bytes: u64,
-    /// The meshes that are placeholders while the source is away.
-    pub meshes: Vec<Handle<Mesh>>,
-    /// The textures that are placeholders while the source is away.
-    pub textures: Vec<Handle<Image>>,
+pub struct OnDemand {
+    /// The source and the levels.
+    pub parts: Vec<OnDemandPart>,
     /// True if meshes are turned to Bevy's forward direction.
     pub rotate_meshes: bool,
-    /// True if the source is always wanted, because nothing else of the scene can be shown.
+}
+
+/// A source or a level that is loaded on demand.
+#[derive(Reflect, Clone, Debug)]
+pub struct OnDemandPart {
+    /// Number of the level: 0 is the source.
+    pub level: u32,
+    /// The path of its file, in the asset source [`SOURCE`](super::SOURCE).
+    pub file: String,
+    /// Its bytes on the GPU.
+    pub bytes: u64,
+    /// The meshes that are placeholders while it is away.
+    pub meshes: Vec<Handle<Mesh>>,
+    /// The textures that are placeholders while it is away.
+    pub textures: Vec<Handle<Image>>,
+    /// True if it is always wanted, because nothing else of the scene can be shown.
     pub always: bool,
 }
 
-impl OnDemandSource {
+impl OnDemandPart {
     /// The path of the model.
     pub(super) fn model(&self) -> Option<AssetPath<'static>> {
         Some(self.meshes.first()?.path()?.without_label().clone_owned())
     }
 }
 
-/// The sixteenths of an instance's source that may be seen, and what is known of its distance. 0 while the source is away.
+/// What is there of a scene's source and levels that are loaded on demand.
 #[derive(Component, Reflect, Clone, Debug)]
 #[reflect(Component, Clone)]
-pub(in crate::lod) struct Presence {
-    pub(in crate::lod) steps: u8,
+pub(in crate::lod) struct Presence(pub(super) Vec<PartPresence>);
+
+/// What is there of a source or a level.
+#[derive(Reflect, Clone, Debug, PartialEq)]
+pub(super) struct PartPresence {
+    pub(super) level: u32,
+    /// The sixteenths of its pixels that may be seen. `None` while it is away.
+    pub(super) steps: Option<u8>,
     /// The distance at the last look.
     pub(super) before: f32,
 }
 
-impl Default for Presence {
-    fn default() -> Self {
-        Self { steps: 0, before: f32::INFINITY }
+impl Presence {
+    /// The presence of parts that are all away.
+    pub(in crate::lod) fn none(of: &OnDemand) -> Self {
+        let away = |part: &OnDemandPart| PartPresence { level: part.level, steps: None, before: f32::INFINITY };
+        Self(of.parts.iter().map(away).collect())
+    }
+
+    /// The sixteenths of a level's pixels that may be seen. `None` while it is away. All of one that is not loaded on demand.
+    pub(in crate::lod) fn steps(&self, level: u32) -> Option<u8> {
+        self.0.iter().find(|part| part.level == level).map_or(Some(FADE_STEPS), |part| part.steps)
     }
 }

@@ -1,18 +1,18 @@
-//! Meshes and textures of a source in the places of their placeholders, and back.
+//! Meshes and textures of a source or a level in the places of their placeholders, and back.
 
 use bevy::asset::{AssetPath, RenderAssetUsages};
 use bevy::image::Image;
 use bevy::mesh::{Indices, Mesh, PrimitiveTopology};
 use bevy::prelude::*;
 
-use super::components::OnDemandSource;
+use super::components::OnDemandPart;
 use crate::lod::memory::{bytes_of_image, bytes_of_mesh};
 
 /// Bytes of meshes and textures that are moved in one frame, but for the last one: what an upload to the GPU takes little
 /// time for.
 const BYTES_PER_FRAME: u64 = 8 << 20;
 
-/// The places of a source in the file of its model, and the placeholders that were there.
+/// The places of a source or a level in the file of its model, and the placeholders that were there.
 #[derive(Debug, Default)]
 pub(super) struct Places {
     /// Textures come first: a mesh without them would be seen.
@@ -34,9 +34,9 @@ enum Placeholder {
 pub(super) enum Filled {
     /// There is more to do in the next frame.
     Partly,
-    /// The source is in place.
+    /// All is in place.
     All,
-    /// The source lacks something, or the model is gone.
+    /// The file lacks something, or the model is gone.
     Failed,
 }
 
@@ -48,10 +48,10 @@ pub(super) struct Stores<'a> {
 }
 
 impl Places {
-    pub(super) fn of(source: &OnDemandSource) -> Self {
-        let textures = source.textures.iter().map(|handle| (handle.id(), handle.path()));
+    pub(super) fn of(part: &OnDemandPart) -> Self {
+        let textures = part.textures.iter().map(|handle| (handle.id(), handle.path()));
         let (textures, of_textures): (Vec<_>, Vec<_>) = textures.unzip();
-        let meshes = source.meshes.iter().map(|handle| (handle.id(), handle.path()));
+        let meshes = part.meshes.iter().map(|handle| (handle.id(), handle.path()));
         let (meshes, of_meshes): (Vec<_>, Vec<_>) = meshes.unzip();
         let label = |path: Option<&AssetPath<'static>>| path.and_then(AssetPath::label).unwrap_or_default().to_owned();
         let labels = of_textures.into_iter().chain(of_meshes).map(label).collect();
@@ -101,7 +101,7 @@ impl Places {
     }
 }
 
-/// Moves a texture from the file of the source into its place. Returns the placeholder, and the bytes of the texture.
+/// Moves a texture from the file of a part into its place. Returns the placeholder, and the bytes of the texture.
 fn move_texture(path: AssetPath<'_>, place: AssetId<Image>, stores: &mut Stores<'_>) -> Option<(Placeholder, u64)> {
     let mut image = stores.images.remove(stores.server.get_handle::<Image>(path)?.id())?;
     let old = stores.images.get(place)?;

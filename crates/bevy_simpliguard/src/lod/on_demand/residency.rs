@@ -1,4 +1,4 @@
-//! The system that loads and drops sources.
+//! The system that loads and drops sources and levels.
 
 use bevy::asset::{AssetPath, LoadState, RenderAssetUsages};
 use bevy::ecs::system::SystemParam;
@@ -8,31 +8,34 @@ use bevy::platform::collections::{HashMap, HashSet};
 use bevy::prelude::*;
 use bevy::world_serialization::WorldAsset;
 
-use super::components::{OnDemandSource, Presence, SourceSettings, SourceStats};
+use super::components::{OnDemand, OnDemandPart, Presence, SourceSettings, SourceStats};
 use super::contents::{Filled, Places, Stores};
 use super::materials;
 use super::need::{Candidate, NEAR, choose, distance_ahead};
-use crate::lod::components::LodGroup;
+use crate::lod::components::{LodGroup, LodSettings};
 use crate::lod::distance::FADE_STEPS;
 use crate::lod::switch::LodState;
 
 /// Seconds between two looks at the distances of all instances.
 const INTERVAL: f32 = 0.1;
-/// Most sources that are loaded at the same time.
+/// Most files that are loaded at the same time.
 const MOST_LOADS: usize = 4;
 /// Frames after which a renderer has what was moved into its place.
 const SETTLING: u8 = 3;
 
-/// The sources that are there or on their way, by the paths of their models.
+/// A source or a level: the path of its model, and its number.
+type Key = (AssetPath<'static>, u32);
+
+/// The sources and levels that are there or on their way.
 #[derive(Resource, Default)]
 pub(in crate::lod) struct Residency {
-    models: HashMap<AssetPath<'static>, Model>,
+    parts: HashMap<Key, Part>,
     /// Seconds since the last look.
     since: f32,
 }
 
-/// The source of a model.
-struct Model {
+/// The source of a model, or a level.
+struct Part {
     file: AssetPath<'static>,
     bytes: u64,
     places: Places,
@@ -57,7 +60,7 @@ enum Phase {
     Failed,
 }
 
-/// The assets that sources are made of.
+/// The assets that parts are made of.
 #[derive(SystemParam)]
 pub(in crate::lod) struct Contents<'w, 's> {
     server: Res<'w, AssetServer>,
@@ -82,46 +85,44 @@ impl Contents<'_, '_> {
     }
 }
 
-/// Everything that shows sources.
+/// Everything that shows sources and levels.
 #[derive(SystemParam)]
 pub(in crate::lod) struct Instances<'w, 's> {
-    roots: Query<'w, 's, (Entity, &'static OnDemandSource, &'static mut Presence)>,
-    added: Query<'w, 's, (), Added<OnDemandSource>>,
+    roots: Query<'w, 's, (Entity, &'static OnDemand, &'static mut Presence)>,
+    added: Query<'w, 's, (), Added<OnDemand>>,
     groups: Query<'w, 's, (&'static LodGroup, &'static LodState)>,
 }
 
-/// Loads the sources that cameras come near to, and drops those that nobody wants.
+/// Loads the sources and levels that cameras come near to, and drops those that nobody wants.
 pub(in crate::lod) fn update(
     mut commands: Commands<'_, '_>,
-    (settings, time): (Res<'_, SourceSettings>, Res<'_, Time<Real>>),
+    (settings, lods, time): (Res<'_, SourceSettings>, Res<'_, LodSettings>, Res<'_, Time<Real>>),
     (mut residency, mut stats): (ResMut<'_, Residency>, ResMut<'_, SourceStats>),
     mut contents: Contents<'_, '_>,
     mut instances: Instances<'_, '_>,
 ) {
     let residency = &mut *residency;
     let loaded = contents.loaded();
-    for path in &loaded {
-        if let Some(model) = residency.models.get_mut(path) {
-            // Its file has brought its own placeholders.
-            model.places.forget();
-            (model.phase, model.steps) = (Phase::Away, 0);
-        }
+    for (_, part) in residency.parts.iter_mut().filter(|((model, _), _)| loaded.contains(model)) {
+        // Its file has brought its own placeholders.
+        part.places.forget();
+        (part.phase, part.steps) = (Phase::Away, 0);
     }
     residency.since += time.delta_secs();
     let is_look =
         residency.since >= INTERVAL || instances.roots.iter().any(|(root, ..)| instances.added.contains(root));
     if is_look {
-        residency.look(&settings, &mut instances);
+        residency.look(&settings, &lods, &mut instances);
     }
     let (mut changed, mut is_seen_otherwise) = (HashSet::new(), is_look || !loaded.is_empty());
-    for (path, model) in &mut residency.models {
-        let steps = model.steps;
-        if model.step(path, &mut contents) {
-            changed.insert(path.clone());
+    for (key, part) in &mut residency.parts {
+        let before = part.presence();
+        if part.step(key, &mut contents) {
+            changed.insert(key.clone());
         }
-        is_seen_otherwise |= model.steps != steps;
+        is_seen_otherwise |= part.presence() != before;
     }
-    residency.models.retain(|_, model| !matches!(model.phase, Phase::Away) || model.places.is_loaded(&contents.meshes));
+    residency.parts.retain(|_, part| !matches!(part.phase, Phase::Away) || part.places.is_loaded(&contents.meshes));
     residency.start(&settings, &contents.server);
     if is_seen_otherwise {
         residency.show(&mut instances);
@@ -135,112 +136,128 @@ pub(in crate::lod) fn update(
 }
 
 impl Instances<'_, '_> {
-    /// The mesh entities of the sources of these models.
-    fn entities(&self, models: &HashSet<AssetPath<'static>>) -> Vec<Entity> {
-        let is_of = |state: &LodState| {
-            let source = state.source().and_then(|root| self.roots.get(root).ok());
-            source.and_then(|(_, source, _)| source.model()).is_some_and(|model| models.contains(&model))
+    /// The mesh entities of these sources and levels.
+    fn entities(&self, parts: &HashSet<Key>) -> Vec<Entity> {
+        let groups = self.groups.iter().filter_map(|(group, state)| {
+            let (_, on_demand, _) = self.roots.get(state.on_demand()?).ok()?;
+            Some((group, on_demand.parts.first()?.model()?))
+        });
+        let of_group = |(group, model): (&LodGroup, AssetPath<'static>)| {
+            let levels = group.levels.iter().filter(|level| parts.contains(&(model.clone(), level.level)));
+            levels.flat_map(|level| level.primitives.iter().map(|primitive| primitive.entity)).collect::<Vec<Entity>>()
         };
-        let groups = self.groups.iter().filter(|(_, state)| is_of(state));
-        let sources = groups.filter_map(|(group, _)| group.levels.first().filter(|level| level.level == 0));
-        sources.flat_map(|level| level.primitives.iter().map(|primitive| primitive.entity)).collect()
+        groups.flat_map(of_group).collect()
     }
 
-    /// The distance of each instance.
-    fn distances(&self) -> HashMap<Entity, f32> {
-        let mut nearest: HashMap<Entity, f32> = HashMap::default();
-        for (_, state) in &self.groups {
-            let Some(source) = state.source() else { continue };
-            let known = nearest.entry(source).or_insert(f32::INFINITY);
-            *known = known.min(state.distance());
+    /// The least distance of each source and each level of a scene.
+    fn distances(&self, settings: &LodSettings) -> HashMap<(Entity, u32), f32> {
+        let mut nearest: HashMap<(Entity, u32), f32> = HashMap::default();
+        for (group, state) in &self.groups {
+            let Some(root) = state.on_demand() else { continue };
+            for (slot, level) in group.levels.iter().enumerate() {
+                let known = nearest.entry((root, level.level)).or_insert(f32::INFINITY);
+                *known = known.min(state.distance(slot, settings));
+            }
         }
         nearest
     }
 }
 
 impl Residency {
-    /// Looks at the distances of all instances, and chooses the sources that are to be there.
-    fn look(&mut self, settings: &SourceSettings, instances: &mut Instances<'_, '_>) {
+    /// Looks at the distances of all instances, and chooses what is to be there.
+    fn look(&mut self, settings: &SourceSettings, lods: &LodSettings, instances: &mut Instances<'_, '_>) {
         let seconds = std::mem::take(&mut self.since);
-        for model in self.models.values_mut() {
-            model.distance = f32::INFINITY;
+        for part in self.parts.values_mut() {
+            part.distance = f32::INFINITY;
         }
-        let distances = instances.distances();
-        for (root, source, mut presence) in &mut instances.roots {
-            let Some(path) = source.model() else { continue };
-            let model = self.models.entry(path).or_insert_with(|| Model::new(source));
-            if model.file != AssetPath::from(source.file.clone()) {
-                *model = Model::new(source);
+        let distances = instances.distances(lods);
+        for (root, on_demand, mut presence) in &mut instances.roots {
+            for (of, seen) in on_demand.parts.iter().zip(&mut presence.bypass_change_detection().0) {
+                let Some(model) = of.model() else { continue };
+                let new = || Part::new(of, on_demand.rotate_meshes);
+                let part = self.parts.entry((model, of.level)).or_insert_with(new);
+                if part.file != AssetPath::from(of.file.clone()) {
+                    *part = new();
+                }
+                let known = distances.get(&(root, of.level)).copied().unwrap_or(f32::INFINITY);
+                let now = if of.always { 0.0 } else { known };
+                part.distance = part.distance.min(distance_ahead(seen.before, now, seconds, settings.ahead));
+                seen.before = now;
             }
-            let now = if source.always { 0.0 } else { distances.get(&root).copied().unwrap_or(f32::INFINITY) };
-            model.distance = model.distance.min(distance_ahead(presence.before, now, seconds, settings.ahead));
-            presence.before = now;
         }
-        let mut models: Vec<(&AssetPath<'static>, &mut Model)> = self.models.iter_mut().collect();
-        models.sort_by(|(a, _), (b, _)| a.path().cmp(b.path()));
+        let mut parts: Vec<(&Key, &mut Part)> = self.parts.iter_mut().collect();
+        parts.sort_by(|((a, of_a), _), ((b, of_b), _)| a.path().cmp(b.path()).then(of_a.cmp(of_b)));
         let candidates: Vec<Candidate> =
-            models.iter_mut().map(|(_, model)| model.candidate(seconds, settings.keep)).collect();
-        for ((_, model), is_chosen) in models.iter_mut().zip(choose(&candidates, settings.budget)) {
-            model.is_chosen = is_chosen;
+            parts.iter_mut().map(|(_, part)| part.candidate(seconds, settings.keep)).collect();
+        for ((_, part), is_chosen) in parts.iter_mut().zip(choose(&candidates, settings.budget)) {
+            part.is_chosen = is_chosen;
         }
     }
 
-    /// Starts to load the sources that are to be there, as far as the others leave room.
+    /// Starts to load what is to be there, as far as the rest leaves room.
     fn start(&mut self, settings: &SourceSettings, server: &AssetServer) {
         let mut bytes = self.bytes();
-        let mut loads = self.models.values().filter(|model| matches!(model.phase, Phase::Loading(_))).count();
-        let is_new =
-            |model: &&mut Model| model.is_chosen && model.distance < NEAR && matches!(model.phase, Phase::Away);
-        let mut new: Vec<&mut Model> = self.models.values_mut().filter(is_new).collect();
+        let mut loads = self.parts.values().filter(|part| matches!(part.phase, Phase::Loading(_))).count();
+        let is_new = |part: &&mut Part| part.is_chosen && part.distance < NEAR && matches!(part.phase, Phase::Away);
+        let mut new: Vec<&mut Part> = self.parts.values_mut().filter(is_new).collect();
         new.sort_by(|a, b| a.distance.total_cmp(&b.distance).then_with(|| a.file.path().cmp(b.file.path())));
-        for model in new {
-            if loads < MOST_LOADS && bytes + model.bytes <= settings.budget {
-                model.load(server);
-                (bytes, loads) = (bytes + model.bytes, loads + 1);
+        for part in new {
+            if loads < MOST_LOADS && bytes + part.bytes <= settings.budget {
+                part.load(server);
+                (bytes, loads) = (bytes + part.bytes, loads + 1);
             }
         }
     }
 
-    /// Tells all instances how much of their sources may be seen.
+    /// Tells all instances how much of their sources and levels may be seen.
     fn show(&self, instances: &mut Instances<'_, '_>) {
-        for (_, source, mut presence) in &mut instances.roots {
-            let model = source.model().and_then(|path| self.models.get(&path));
-            let steps = model.map_or(0, |model| model.steps);
-            if presence.steps != steps {
-                presence.steps = steps;
+        for (_, on_demand, mut presence) in &mut instances.roots {
+            for (of, seen) in on_demand.parts.iter().zip(&mut presence.bypass_change_detection().0) {
+                let part = of.model().and_then(|model| self.parts.get(&(model, of.level)));
+                seen.steps = part.and_then(Part::presence);
             }
         }
     }
 
     fn bytes(&self) -> u64 {
-        self.models.values().filter(|model| model.is_held()).map(|model| model.bytes).sum()
+        self.parts.values().filter(|part| part.is_held()).map(|part| part.bytes).sum()
     }
 
     fn stats(&self) -> SourceStats {
-        let count = |is: fn(&Phase) -> bool| self.models.values().filter(|model| is(&model.phase)).count() as u32;
+        let count = |is_source: bool, is: fn(&Phase) -> bool| {
+            let parts = self.parts.iter().filter(|((_, level), part)| (*level == 0) == is_source && is(&part.phase));
+            parts.count() as u32
+        };
+        let is_there = |phase: &Phase| matches!(phase, Phase::There(_));
         SourceStats {
-            models: self.models.len() as u32,
-            resident: count(|phase| matches!(phase, Phase::There(_))),
-            loading: count(|phase| matches!(phase, Phase::Loading(_) | Phase::Filling(_))),
-            failed: count(|phase| matches!(phase, Phase::Failed)),
+            models: count(true, |_| true),
+            resident: count(true, is_there),
+            loading: count(true, |phase| matches!(phase, Phase::Loading(_) | Phase::Filling(_))),
+            failed: count(true, |phase| matches!(phase, Phase::Failed)),
+            levels: count(false, is_there),
             bytes: self.bytes(),
         }
     }
 }
 
-impl Model {
-    fn new(source: &OnDemandSource) -> Self {
+impl Part {
+    fn new(of: &OnDemandPart, rotate_meshes: bool) -> Self {
         Self {
-            file: AssetPath::from(source.file.clone()),
-            bytes: source.bytes,
-            places: Places::of(source),
-            rotate_meshes: source.rotate_meshes,
+            file: AssetPath::from(of.file.clone()),
+            bytes: of.bytes,
+            places: Places::of(of),
+            rotate_meshes,
             phase: Phase::Away,
             steps: 0,
             unwanted: f32::INFINITY,
             distance: f32::INFINITY,
             is_chosen: false,
         }
+    }
+
+    /// The sixteenths that may be seen, once it is in its place.
+    fn presence(&self) -> Option<u8> {
+        matches!(self.phase, Phase::There(_)).then_some(self.steps)
     }
 
     fn is_held(&self) -> bool {
@@ -268,12 +285,12 @@ impl Model {
     }
 
     /// Goes on with what is on its way. Tells whether textures have changed.
-    fn step(&mut self, path: &AssetPath<'static>, contents: &mut Contents<'_, '_>) -> bool {
+    fn step(&mut self, key: &Key, contents: &mut Contents<'_, '_>) -> bool {
         match std::mem::replace(&mut self.phase, Phase::Away) {
             Phase::Loading(file) if self.is_chosen => {
                 self.phase = match contents.server.load_state(&file) {
                     LoadState::Loaded => Phase::Filling(file),
-                    LoadState::Failed(error) => self.fail(path, &error.to_string()),
+                    LoadState::Failed(error) => self.fail(key, &error.to_string()),
                     _ => Phase::Loading(file),
                 };
                 false
@@ -285,7 +302,7 @@ impl Model {
                     Filled::All => Phase::There(0),
                     Filled::Failed => {
                         self.places.empty(&mut contents.stores());
-                        self.fail(path, "it lacks meshes or textures")
+                        self.fail(key, "it lacks meshes or textures")
                     }
                 };
                 filled != Filled::Partly
@@ -309,8 +326,9 @@ impl Model {
         }
     }
 
-    fn fail(&mut self, path: &AssetPath<'static>, why: &str) -> Phase {
-        warn!("{path}: the most detailed level is shown in place of the source, {}: {why}", self.file);
+    fn fail(&mut self, (model, level): &Key, why: &str) -> Phase {
+        let (what, file) = (if *level == 0 { "source".into() } else { format!("LOD{level}") }, &self.file);
+        warn!("{model}: the next coarser level is shown in place of the {what}, {file}: {why}");
         Phase::Failed
     }
 }

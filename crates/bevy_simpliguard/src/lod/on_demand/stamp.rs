@@ -1,4 +1,4 @@
-//! What a file says of its source on demand, in `extras` of its asset.
+//! What a file says of its source and levels on demand, in `extras` of its asset.
 
 use bevy::asset::{AssetPath, LoadContext};
 use bevy::gltf::GltfAssetLabel;
@@ -7,7 +7,7 @@ use gltf::json::deserialize;
 use serde::Deserialize;
 
 use super::asset_source::SOURCE;
-use super::components::OnDemandSource;
+use super::components::{OnDemand, OnDemandPart};
 
 #[derive(Deserialize)]
 struct Extras {
@@ -16,14 +16,18 @@ struct Extras {
 
 #[derive(Deserialize)]
 struct Stamp {
-    source: Option<SourceStamp>,
-    /// The part that a file has, if it is not the levels.
-    part: Option<Part>,
+    source: Option<PartStamp>,
+    #[serde(default)]
+    levels: Vec<PartStamp>,
+    /// The part that a file has, if it is not the smallest levels.
+    part: Option<Kind>,
 }
 
 #[derive(Clone, Debug, Deserialize)]
-struct SourceStamp {
-    /// The name of the file with the source.
+struct PartStamp {
+    #[serde(default)]
+    level: u32,
+    /// The name of its file.
     file: String,
     /// Bytes on the GPU.
     bytes: u64,
@@ -33,14 +37,18 @@ struct SourceStamp {
 
 #[derive(Deserialize)]
 #[serde(rename_all = "lowercase")]
-enum Part {
+enum Kind {
     Source,
+    Level,
 }
 
-/// The source on demand of a file with levels.
+/// What of a file is loaded on demand: the source, and levels.
 #[derive(Clone, Debug)]
-pub(in crate::lod) struct SourceOfFile {
-    stamp: SourceStamp,
+pub(in crate::lod) struct PartsOfFile(Vec<PartOfFile>);
+
+#[derive(Clone, Debug)]
+struct PartOfFile {
+    stamp: PartStamp,
     /// The nodes that show it.
     nodes: Vec<usize>,
     /// The labels of its meshes.
@@ -52,15 +60,44 @@ fn stamp(document: &gltf::Document) -> Option<Stamp> {
     Some(deserialize::from_str::<Extras>(extras.get()).ok()?.simpliguard)
 }
 
-/// Tells whether a file has a source alone, whose levels are in another file.
-pub(in crate::lod) fn is_source(document: &gltf::Document) -> bool {
+/// Tells whether a file is a part of a model that is in another file.
+pub(in crate::lod) fn is_part(document: &gltf::Document) -> bool {
     stamp(document).is_some_and(|stamp| stamp.part.is_some())
 }
 
-impl SourceOfFile {
-    /// The source on demand of a file. `None` if it has none.
+impl PartsOfFile {
+    /// What of a file is loaded on demand. `None` if nothing is.
     pub(in crate::lod) fn of(document: &gltf::Document) -> Option<Self> {
-        let stamp = stamp(document)?.source?;
+        let Stamp { source, levels, .. } = stamp(document)?;
+        let parts = source.into_iter().chain(levels).map(|stamp| PartOfFile::of(document, stamp));
+        let parts: Vec<PartOfFile> = parts.filter(|part| !part.meshes.is_empty()).collect();
+        (!parts.is_empty()).then_some(Self(parts))
+    }
+
+    /// Tells whether a mesh is a placeholder in the file.
+    pub(in crate::lod) fn has(&self, mesh: usize) -> bool {
+        self.0.iter().any(|part| part.stamp.meshes.contains(&mesh))
+    }
+
+    /// The component of a scene that may show parts: its nodes do, or levels that stand for its nodes. `None` if it cannot.
+    /// `has_levels` tells whether levels stand for all that the scene has of the source.
+    pub(in crate::lod) fn component(
+        &self,
+        context: &mut LoadContext<'_>,
+        rotate_meshes: bool,
+        (has_node, has_levels): (impl Fn(&usize) -> bool, bool),
+    ) -> Option<OnDemand> {
+        let is_in_scene = |part: &PartOfFile| part.nodes.iter().any(&has_node);
+        let has_source = self.0.iter().any(|part| part.is_source() && is_in_scene(part));
+        let parts = self.0.iter().filter(|part| has_source || is_in_scene(part));
+        let always = |part: &PartOfFile| is_in_scene(part) && !(part.is_source() && has_levels);
+        let parts: Vec<OnDemandPart> = parts.map(|part| part.component(context, always(part))).collect();
+        (!parts.is_empty()).then_some(OnDemand { parts, rotate_meshes })
+    }
+}
+
+impl PartOfFile {
+    fn of(document: &gltf::Document, stamp: PartStamp) -> Self {
         let is_own = |mesh: &gltf::Mesh<'_>| stamp.meshes.contains(&mesh.index());
         let shows = |node: &gltf::Node<'_>| node.mesh().is_some_and(|mesh| is_own(&mesh));
         let nodes = document.nodes().filter(shows).map(|node| node.index()).collect();
@@ -68,27 +105,20 @@ impl SourceOfFile {
             let label = |primitive| GltfAssetLabel::Primitive { mesh: mesh.index(), primitive }.to_string();
             (0..mesh.primitives().len()).map(label).collect::<Vec<_>>()
         };
-        let meshes: Vec<String> = document.meshes().filter(is_own).flat_map(labels).collect();
-        (!meshes.is_empty()).then_some(Self { stamp, nodes, meshes })
+        let meshes = document.meshes().filter(is_own).flat_map(labels).collect();
+        Self { stamp, nodes, meshes }
     }
 
-    /// Tells whether a scene shows the source.
-    pub(in crate::lod) fn is_in(&self, has_node: impl Fn(&usize) -> bool) -> bool {
-        self.nodes.iter().any(has_node)
+    fn is_source(&self) -> bool {
+        self.stamp.level == 0
     }
 
-    /// The component of a scene that shows the source.
-    pub(in crate::lod) fn component(
-        &self,
-        context: &mut LoadContext<'_>,
-        rotate_meshes: bool,
-        always: bool,
-    ) -> OnDemandSource {
+    fn component(&self, context: &mut LoadContext<'_>, always: bool) -> OnDemandPart {
         let path = context.path().path().join(&self.stamp.file);
         let file = AssetPath::from(path).with_source(SOURCE).to_string();
         let meshes = self.meshes.iter().map(|label| context.get_label_handle(label.clone())).collect();
         let texture = |&texture: &usize| context.get_label_handle(GltfAssetLabel::Texture(texture).to_string());
         let textures = self.stamp.textures.iter().map(texture).collect();
-        OnDemandSource { file, bytes: self.stamp.bytes, meshes, textures, rotate_meshes, always }
+        OnDemandPart { level: self.stamp.level, file, bytes: self.stamp.bytes, meshes, textures, always }
     }
 }

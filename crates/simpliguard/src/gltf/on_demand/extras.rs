@@ -1,4 +1,4 @@
-//! What a file of two says of the other.
+//! What a file in parts says of the others.
 
 use serde_json::Value;
 

@@ -1,6 +1,6 @@
-//! The part of a file that is loaded on demand.
+//! The parts of a file that are loaded on demand.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 
 use bytes::Bytes;
 use serde_json::{Value, json};
@@ -14,54 +14,78 @@ use crate::gltf::export::builder::{Builder, Kind, index, indices};
 use crate::gltf::export::prune::each_reference;
 use crate::gltf::gpu_cost::{primitive_memory, texture_memory};
 
-/// The meshes and images of the source that only it shows.
-pub(super) struct SourcePart {
-    pub(super) meshes: BTreeSet<usize>,
+/// The source or a level: the meshes and images that only it shows.
+pub(super) struct Part {
+    /// 0 for the source.
+    level: u64,
+    meshes: BTreeSet<usize>,
     /// The textures that show the images.
-    pub(super) textures: BTreeSet<usize>,
-    /// Bytes of both on the GPU.
-    pub(super) gpu_bytes: u64,
+    textures: BTreeSet<usize>,
     images: BTreeSet<usize>,
+    /// Bytes of all on the GPU.
+    gpu_bytes: u64,
 }
 
-impl SourcePart {
-    /// The part of a file. `None` if it has none.
-    pub(super) fn of(file: &Builder) -> Option<Self> {
-        let extras = file.json.get("asset")?.get("extras");
-        let replaced = replaced_nodes(file);
-        if extras.is_some_and(|extras| !extras.is_object()) || !scenes_are_whole(file, &replaced) {
-            return None;
+impl Part {
+    /// The parts of a file: the source, and the levels but for the smallest of each object. Empty if the source is none.
+    pub(super) fn all(file: &Builder) -> Vec<Self> {
+        let extras = file.json.get("asset").and_then(|asset| asset.get("extras"));
+        let source = replaced_nodes(file);
+        if extras.is_some_and(|extras| !extras.is_object()) || !scenes_are_whole(file, &source) {
+            return Vec::new();
         }
+        let document = document(file);
+        let Some(source) = Self::of(file, &document, 0, &source) else { return Vec::new() };
+        let levels = detailed_levels(file);
+        let levels = levels.iter().filter_map(|(level, nodes)| Self::of(file, &document, *level, nodes));
+        std::iter::once(source).chain(levels).collect()
+    }
+
+    /// What these nodes show. `None` if others show all of it too.
+    fn of(file: &Builder, document: &Document, level: u64, shown_by: &BTreeSet<usize>) -> Option<Self> {
         let nodes = || file.all(Kind::Node).iter().enumerate();
         let mesh_of = |node: &Value| index(node, "mesh");
         let shown_elsewhere: BTreeSet<usize> =
-            nodes().filter(|(i, _)| !replaced.contains(i)).filter_map(|(_, node)| mesh_of(node)).collect();
-        let meshes = nodes().filter(|(i, _)| replaced.contains(i)).filter_map(|(_, node)| mesh_of(node));
+            nodes().filter(|(i, _)| !shown_by.contains(i)).filter_map(|(_, node)| mesh_of(node)).collect();
+        let meshes = nodes().filter(|(i, _)| shown_by.contains(i)).filter_map(|(_, node)| mesh_of(node));
         let is_own = |mesh: &usize| !shown_elsewhere.contains(mesh) && can_replace_mesh(file, *mesh);
         let meshes: BTreeSet<usize> = meshes.filter(is_own).collect();
         if meshes.is_empty() {
             return None;
         }
-        let document = document(file);
         let images = images_of(file, &meshes);
         let is_own = |texture: &Value| index(texture, "source").is_some_and(|image| images.contains(&image));
         let textures = file.all(Kind::Texture).iter().enumerate().filter(|(_, texture)| is_own(texture));
         let textures: BTreeSet<usize> = textures.map(|(i, _)| i).collect();
         let primitives = meshes.iter().flat_map(|&mesh| file.all(Kind::Mesh)[mesh]["primitives"].as_array());
-        let of_meshes = primitives.flatten().filter_map(|primitive| primitive_memory(&document, primitive));
-        let of_textures = textures.iter().filter_map(|&texture| texture_memory(&document, texture));
+        let of_meshes = primitives.flatten().filter_map(|primitive| primitive_memory(document, primitive));
+        let of_textures = textures.iter().filter_map(|&texture| texture_memory(document, texture));
         let gpu_bytes = of_meshes.sum::<u64>() + of_textures.sum::<u64>();
-        Some(Self { meshes, textures, gpu_bytes, images })
+        Some(Self { level, meshes, textures, images, gpu_bytes })
     }
 
-    /// Puts placeholders in place of the source.
-    pub(super) fn remove_source(&self, file: &mut Builder) {
+    /// The name of its file, in a version of the model.
+    pub(super) fn file_name(&self, version: &str) -> String {
+        match self.level {
+            0 => format!("{version}.glb"),
+            level => format!("{version}_LOD{level}.glb"),
+        }
+    }
+
+    /// What the file with the smallest levels says of it.
+    pub(super) fn stamp(&self, file: &str) -> Value {
+        let Self { level, meshes, textures, gpu_bytes, .. } = self;
+        json!({ "level": level, "file": file, "bytes": gpu_bytes, "meshes": meshes, "textures": textures })
+    }
+
+    /// Puts placeholders in its place.
+    pub(super) fn remove(&self, file: &mut Builder) {
         self.meshes.iter().for_each(|&mesh| replace_mesh(file, mesh));
         self.images.iter().for_each(|&image| replace_image(file, image));
     }
 
     /// Puts placeholders in place of all else, and removes scenes and clips.
-    pub(super) fn remove_levels(&self, file: &mut Builder) {
+    pub(super) fn remove_rest(&self, file: &mut Builder) {
         for mesh in (0..file.all(Kind::Mesh).len()).filter(|mesh| !self.meshes.contains(mesh)) {
             replace_mesh(file, mesh);
         }
@@ -76,15 +100,38 @@ impl SourcePart {
             node.remove("extras");
             node.remove("extensions");
         }
-        set_extras(file, json!({ "part": "source" }));
+        set_extras(file, json!({ "part": if self.level == 0 { "source" } else { "level" } }));
     }
 }
 
-/// The nodes that levels stand for, but for levels that stand for all objects: these have levels of their own.
+/// The stamps of the nodes of levels, but for those that stand for all objects: these have levels of their own.
+fn stamps(file: &Builder) -> impl Iterator<Item = (usize, &Value)> {
+    let nodes = file.all(Kind::Node).iter().enumerate();
+    let stamps = nodes.filter_map(|(i, node)| Some((i, node.pointer("/extras/simpliguard")?)));
+    stamps.filter(|(_, stamp)| stamp.get("level").is_some() && stamp.get("whole") != Some(&json!(true)))
+}
+
+/// The nodes that levels stand for.
 fn replaced_nodes(file: &Builder) -> BTreeSet<usize> {
-    let stamps = file.all(Kind::Node).iter().filter_map(|node| node.pointer("/extras/simpliguard"));
-    let own = stamps.filter(|stamp| stamp.get("level").is_some() && stamp.get("whole") != Some(&json!(true)));
-    own.flat_map(|stamp| indices(stamp, "replaces")).collect()
+    stamps(file).flat_map(|(_, stamp)| indices(stamp, "replaces")).collect()
+}
+
+/// The nodes of each level, without the smallest level of each object.
+fn detailed_levels(file: &Builder) -> BTreeMap<u64, BTreeSet<usize>> {
+    let number = |stamp: &Value| stamp.get("level").and_then(Value::as_u64);
+    let mut smallest: BTreeMap<Option<usize>, u64> = BTreeMap::new();
+    for (_, stamp) in stamps(file) {
+        let level = number(stamp).unwrap_or(0);
+        smallest.entry(index(stamp, "object")).and_modify(|least| *least = level.min(*least)).or_insert(level);
+    }
+    let mut levels: BTreeMap<u64, BTreeSet<usize>> = BTreeMap::new();
+    for (node, stamp) in stamps(file) {
+        let is_detailed = |level: &u64| smallest.get(&index(stamp, "object")).is_some_and(|least| level > least);
+        if let Some(level) = number(stamp).filter(is_detailed) {
+            levels.entry(level).or_default().insert(node);
+        }
+    }
+    levels
 }
 
 /// True if each scene has all of these nodes or none.

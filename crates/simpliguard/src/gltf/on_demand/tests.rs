@@ -1,7 +1,7 @@
 use image::{Rgba, RgbaImage};
 use serde_json::{Value, json};
 
-use super::{Divided, divide_source};
+use super::Divided;
 use crate::gltf::glb::{binary, split};
 use crate::gltf::png::png;
 
@@ -63,7 +63,7 @@ fn whole(edit: impl FnOnce(&mut Value)) -> Vec<u8> {
 }
 
 fn divide(edit: impl FnOnce(&mut Value)) -> Option<Divided> {
-    divide_source("square.glb", &whole(edit)).expect("a binary glTF")
+    super::divide("square.glb", &whole(edit)).expect("a binary glTF")
 }
 
 /// The JSON of a file, and the bytes of what a view of it shows.
@@ -118,9 +118,11 @@ fn the_levels_have_a_placeholder_of_the_source_in_its_place() {
     assert_eq!(levels.0["meshes"][0]["primitives"][0]["targets"].as_array().map(Vec::len), Some(1));
     assert!([1, 2].iter().all(|&mesh| levels.view(levels.position(mesh)).len() == 3 * 12));
     assert_eq!([0, 1].map(|image| levels.side(image)), [1, SIDE]);
-    let stamp = &levels.0["asset"]["extras"]["simpliguard"]["source"];
+    let stamp = &levels.0["asset"]["extras"]["simpliguard"];
+    assert_eq!((divided.parts.len(), &stamp["levels"]), (1, &json!([])), "its only level is the smallest");
+    let stamp = &stamp["source"];
     assert_eq!((&stamp["meshes"], &stamp["textures"]), (&json!([0]), &json!([0])));
-    assert_eq!(stamp["file"], json!(divided.source_name));
+    assert_eq!(stamp["file"], json!(divided.parts[0].name));
     // Texels with mipmaps, four vertices with normals and a target, and their indices: flat, so three corners.
     assert_eq!(stamp["bytes"], json!(4 * (4_u64.pow(9) - 1) / 3 + 3 * (24 + 48)));
 }
@@ -128,13 +130,13 @@ fn the_levels_have_a_placeholder_of_the_source_in_its_place() {
 #[test]
 fn the_source_has_all_of_itself_and_nothing_to_spawn() {
     let divided = divide(|_| {}).expect("two parts");
-    let (before, source) = (Read::new(&whole(|_| {})), Read::new(&divided.source));
+    let (before, source) = (Read::new(&whole(|_| {})), Read::new(&divided.parts[0].bytes));
     assert!(["scenes", "scene", "animations"].iter().all(|key| source.0.get(key).is_none()));
     assert_eq!(source.view(source.position(0)), before.view(before.position(0)));
     assert_eq!(source.view(&source.0["images"][0]), before.view(&before.0["images"][0]));
     assert_eq!((source.position(1)["count"].clone(), source.side(1)), (json!(3), 1));
     assert_eq!(source.0["asset"]["extras"]["simpliguard"], json!({ "part": "source" }));
-    assert!(divided.source.len() + divided.levels.len() < whole(|_| {}).len() + 8000);
+    assert!(divided.parts[0].bytes.len() + divided.levels.len() < whole(|_| {}).len() + 8000);
 }
 
 #[test]
@@ -142,7 +144,51 @@ fn equal_files_are_divided_alike_and_others_have_another_name() {
     let [a, b] = [divide(|_| {}), divide(|_| {})];
     assert_eq!(a, b);
     let other = divide(|json| json["materials"][0]["name"] = json!("paint")).expect("two parts");
-    assert_ne!(a.expect("two parts").source_name, other.source_name);
+    assert_ne!(a.expect("two parts").parts[0].name, other.parts[0].name);
+}
+
+/// Makes the second node a level with a picture of its own, and more detailed than the other.
+fn with_two_levels(json: &mut Value) {
+    json["nodes"][1]["extras"] = json!({ "simpliguard": { "level": 2, "replaces": [0] } });
+    json["scenes"][0]["nodes"] = json!([0]);
+    json["meshes"][2]["primitives"][0]["material"] = json!(2);
+    for (key, like) in [("materials", 1), ("textures", 1), ("images", 1)] {
+        let copy = json[key][like].clone();
+        json[key].as_array_mut().expect("objects").push(copy);
+    }
+    json["materials"][2]["pbrMetallicRoughness"]["baseColorTexture"]["index"] = json!(2);
+    json["textures"][2]["source"] = json!(2);
+}
+
+#[test]
+fn detailed_levels_are_parts_of_their_own() {
+    let divided = divide(with_two_levels).expect("three parts");
+    let levels = Read::new(&divided.levels);
+    assert_eq!([0, 1, 2].map(|image| levels.side(image)), [1, SIDE, 1], "the smallest level has its picture");
+    let stamp = &levels.0["asset"]["extras"]["simpliguard"]["levels"];
+    let expected = json!([{
+        "level": 2, "file": divided.parts[1].name, "bytes": stamp[0]["bytes"], "meshes": [2], "textures": [2],
+    }]);
+    assert_eq!(stamp, &expected);
+    let [source, level] = &divided.parts[..] else { panic!("two parts") };
+    let version = source.name.strip_suffix(".glb").expect("a binary glTF");
+    assert_eq!(level.name, format!("{version}_LOD2.glb"));
+    let level = Read::new(&level.bytes);
+    assert_eq!([0, 1, 2].map(|image| level.side(image)), [1, 1, SIDE]);
+    let before = Read::new(&whole(with_two_levels));
+    assert_eq!(level.view(level.position(2)), before.view(before.position(2)));
+    assert_eq!(level.0["asset"]["extras"]["simpliguard"], json!({ "part": "level" }));
+}
+
+#[test]
+fn each_object_keeps_its_smallest_level() {
+    // The only level of the second object is more detailed than the smallest of the first.
+    let divided = divide(|json| {
+        with_two_levels(json);
+        json["nodes"][1]["extras"]["simpliguard"]["object"] = json!(0);
+    });
+    let stamp = Read::new(&divided.expect("a source").levels).0["asset"]["extras"]["simpliguard"].clone();
+    assert_eq!(stamp["levels"], json!([]));
 }
 
 #[test]
@@ -167,5 +213,5 @@ fn files_that_cannot_be_divided_stay_whole() {
     assert_eq!(divide(|json| json["meshes"][0]["primitives"][0]["extensions"] = encoded), None, "an encoded mesh");
     assert_eq!(divide(|json| json["meshes"][0]["primitives"][0]["mode"] = json!(1)), None, "lines");
     assert_eq!(divide(|json| json["asset"]["extras"] = json!(7)), None, "no place for the name of the source");
-    assert!(divide_source("no.glb", b"no glTF").is_err());
+    assert!(super::divide("no.glb", b"no glTF").is_err());
 }
