@@ -163,8 +163,10 @@ fn setup(
     mut meshes: ResMut<Assets<Mesh>>,
     mut materials: ResMut<Assets<StandardMaterial>>,
 ) {
+    let scene = |model: usize| server.load(format!("{}#Scene0", models::name(model)));
+    let scenes: Vec<Handle<WorldAsset>> = (0..models::COUNT).map(scene).collect();
     for rock in 0..ROCKS {
-        let scene: Handle<WorldAsset> = server.load(format!("{}#Scene0", models::name(rock as usize % models::COUNT)));
+        let scene = scenes[rock as usize % models::COUNT].clone();
         // Like the seeds of a sunflower: evenly, and in no direction in rows.
         let (sin, cos) = (2.399_963 * rock as f32).sin_cos();
         let away = RADIUS * (rock as f32 / ROCKS as f32).sqrt();

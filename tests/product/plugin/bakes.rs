@@ -80,7 +80,8 @@ fn a_source_on_demand_comes_with_a_camera_and_goes_with_it() {
     game.wait_for_levels("globe.gltf", 2);
     game.quit();
     let sources = files_below(&project.path("imported_assets/on_demand/globe.gltf"));
-    let [source] = &sources[..] else { panic!("{sources:?}") };
+    let [source, level] = &sources[..] else { panic!("{sources:?}") };
+    assert!(level.to_string_lossy().ends_with("_LOD2.glb"), "{sources:?}");
     let size = |path: &Path| fs::metadata(path).expect("it is there").len();
     let levels = project.path("imported_assets/Default/globe.gltf");
     assert!(size(&levels) < size(source), "{} {}", size(&levels), size(source));

@@ -7,7 +7,7 @@ use std::path::Path;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-use async_lock::OnceCell;
+use async_lock::{OnceCell, Semaphore};
 use bevy::asset::io::file::{FileAssetReader, FileAssetWriter};
 use bevy::asset::io::{
     AssetReader, AssetReaderError, AssetSource, AssetSourceBuilder, AssetSourceEvent, AssetWatcher, AssetWriter,
@@ -59,7 +59,7 @@ impl Folders {
     pub(super) fn source(&self, process: bool) -> AssetSourceBuilder {
         let reader = |files: &Late<FileAssetReader>, is_processed| {
             let (files, activity) = (files.clone(), self.activity.clone());
-            LateReader { files, is_processed, activity }
+            LateReader { files, is_processed, activity, places: Arc::new(Semaphore::new(MOST_MODELS)) }
         };
         let (source, processed) = (reader(&self.source, false), reader(&self.processed, true));
         let source_writer = LateWriter { files: self.source_writer.clone(), writes: None };
@@ -142,6 +142,17 @@ struct LateReader {
     /// True if the files are the processed ones.
     is_processed: bool,
     activity: Arc<ProcessorActivity>,
+    /// The places of models that are read at the same time; see [`super::readers`].
+    places: Arc<Semaphore>,
+}
+
+/// Most processed models that are read at the same time.
+const MOST_MODELS: usize = 16;
+
+/// Tells whether Bevy's glTF loader reads a file. What that reads besides has other extensions, and never waits for a place.
+fn is_model(path: &Path) -> bool {
+    let extension = path.extension().unwrap_or_default();
+    ["glb", "gltf"].iter().any(|model| extension.eq_ignore_ascii_case(model))
 }
 
 impl LateReader {
@@ -154,7 +165,8 @@ impl LateReader {
     ) -> Result<GatedReader<R>, AssetReaderError> {
         if self.is_processed {
             let reading = self.activity.reading(path);
-            return Ok(GatedReader::of_processed(inner.await?, reading));
+            let place = if is_model(file) { Some(self.places.acquire_arc().await) } else { None };
+            return Ok(GatedReader::of_processed(inner.await?, reading, place));
         }
         written(file).await;
         Ok(GatedReader::of_source(inner.await?, &self.activity, path))

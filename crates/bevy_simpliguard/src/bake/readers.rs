@@ -1,4 +1,4 @@
-//! Readers between the files and Bevy. They wait in two cases.
+//! Readers between the files and Bevy. They wait in three cases.
 //!
 //! First, a source is not read while it is being written, because half a file would be read.
 //!
@@ -8,6 +8,10 @@
 //! (`AssetProcessor::process_asset_internal`), and while a writer waits, no reader gets the lock. If the processor asks
 //! between the two read locks of a load, load and processor wait for each other for ever. The same happens if it asks
 //! while it is already processing the file, because a load may come in between.
+//!
+//! Third, only some processed models are read at the same time. While Bevy's glTF loader waits for the textures of a model, its
+//! thread runs other tasks, and those may be loads that wait in turn: each lies on the stack of the last one, and a hundred
+//! overflow it (bevyengine/bevy#15271).
 
 use std::fs;
 use std::io::{self, Read};
@@ -18,6 +22,7 @@ use std::task::{Context, Poll, ready};
 use std::time::{Duration, Instant};
 
 use async_io::Timer;
+use async_lock::SemaphoreGuardArc;
 use bevy::asset::io::{Reader, ReaderNotSeekableError, STACK_FUTURE_SIZE, SeekableReader, StackFuture};
 use bevy::tasks::futures_lite::AsyncRead;
 
@@ -65,6 +70,8 @@ pub(super) struct GatedReader<R> {
     gate: Option<Gate>,
     /// Records that a processed file is being read.
     _reading: Option<Guard>,
+    /// The place among the models that are read at the same time.
+    _place: Option<SemaphoreGuardArc>,
 }
 
 /// Opens when the processor may ask for the lock of the processed file.
@@ -78,12 +85,12 @@ impl<R: Reader> GatedReader<R> {
     /// A reader of a source. The processor reads a source twice, and only the first reader has a gate.
     pub(super) fn of_source(inner: R, activity: &Arc<ProcessorActivity>, path: &Path) -> Self {
         let gate = Gate { activity: activity.clone(), path: path.to_owned(), pause: None };
-        Self { inner, gate: (!activity.is_claimed(path, Instant::now())).then_some(gate), _reading: None }
+        Self { inner, gate: (!activity.is_claimed(path, Instant::now())).then_some(gate), _reading: None, _place: None }
     }
 
-    /// A reader of a processed file.
-    pub(super) fn of_processed(inner: R, reading: Guard) -> Self {
-        Self { inner, gate: None, _reading: Some(reading) }
+    /// A reader of a processed file, with a place among the models that are read at the same time if it is one.
+    pub(super) fn of_processed(inner: R, reading: Guard, place: Option<SemaphoreGuardArc>) -> Self {
+        Self { inner, gate: None, _reading: Some(reading), _place: place }
     }
 }
 

@@ -267,12 +267,12 @@ mod tests {
     fn a_level_or_a_more_detailed_one_is_seen_below_a_distance_of_one() {
         let rungs = rungs([0.0, 1.0 / 128.0, 1.0 / 130.0, 1.0 / 32.0], 1.0);
         let distance = |slot, size| level_distance(&rungs, slot, size, 1.0, 1.0);
-        // The first level begins at a size of 130 pixels, and is alone at half of it. The next is alone at 16 pixels.
+        // The second level begins at a size of 128 pixels, and is alone at half of it. The next is alone at 16 pixels.
         assert_eq!([64.0, 256.0].map(|size| distance(0, size)), [1.0, 0.25]);
-        assert_eq!([16.0, 64.0].map(|size| distance(1, size)), [1.0, 0.25]);
+        assert_eq!([16.0, 64.0].map(|size| distance(2, size)), [1.0, 0.25]);
         assert_eq!(choose(&rungs, 66.0, 1.0, 1.0, 0).slot, 0);
-        assert_eq!(choose(&rungs, 64.0, 1.0, 1.0, 0), Choice::only(1));
-        assert_eq!(distance(2, 64.0), f32::INFINITY, "it is not used");
+        assert_eq!(choose(&rungs, 64.0, 1.0, 1.0, 0), Choice::only(2));
+        assert_eq!(distance(1, 64.0), f32::INFINITY, "it is not used");
         assert_eq!(distance(3, 64.0), 0.0, "nothing is coarser");
         assert_eq!(level_distance(&rungs, 0, 200.0, 0.0, 1.0), 0.0);
         assert_eq!(level_distance(&super::rungs([0.0, 0.0], 0.5), 0, 200.0, 1.0, 0.5), f32::INFINITY);

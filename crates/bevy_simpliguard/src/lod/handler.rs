@@ -159,7 +159,8 @@ impl GltfExtensionHandler for LodHandler {
         let has_all = self.build_groups(context, root, world, entities);
         let Some(parts) = &self.on_demand else { return };
         let rotate_meshes = self.defaults.convert_coordinates.rotate_meshes;
-        if let Some(on_demand) = parts.component(context, rotate_meshes, (|node: &usize| nodes.contains(node), has_all)) {
+        if let Some(on_demand) = parts.component(context, rotate_meshes, (|node: &usize| nodes.contains(node), has_all))
+        {
             let presence = Presence::none(&on_demand);
             world.entity_mut(root).insert((on_demand, presence));
         }

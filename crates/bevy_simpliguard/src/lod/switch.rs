@@ -107,7 +107,9 @@ impl LodState {
         levels: &[LodLevel],
         presences: &Query<'_, '_, &Presence>,
     ) -> (Choice, Option<Cover>) {
-        let Some(presence) = self.on_demand.and_then(|entity| presences.get(entity).ok()) else { return (choice, None) };
+        let Some(presence) = self.on_demand.and_then(|entity| presences.get(entity).ok()) else {
+            return (choice, None);
+        };
         stand_in(choice, &self.rungs, |slot| presence.steps(levels.get(slot)?.level))
     }
 

@@ -30,13 +30,13 @@ impl Part {
     /// The parts of a file: the source, and the levels but for the smallest of each object. Empty if the source is none.
     pub(super) fn all(file: &Builder) -> Vec<Self> {
         let extras = file.json.get("asset").and_then(|asset| asset.get("extras"));
-        let source = replaced_nodes(file);
-        if extras.is_some_and(|extras| !extras.is_object()) || !scenes_are_whole(file, &source) {
+        let replaced = replaced_nodes(file);
+        if extras.is_some_and(|extras| !extras.is_object()) || !scenes_are_whole(file, &replaced) {
             return Vec::new();
         }
         let document = document(file);
-        let Some(source) = Self::of(file, &document, 0, &source) else { return Vec::new() };
-        let levels = detailed_levels(file);
+        let Some(source) = Self::of(file, &document, 0, &replaced) else { return Vec::new() };
+        let levels = detailed_levels(file, &replaced);
         let levels = levels.iter().filter_map(|(level, nodes)| Self::of(file, &document, *level, nodes));
         std::iter::once(source).chain(levels).collect()
     }
@@ -116,8 +116,8 @@ fn replaced_nodes(file: &Builder) -> BTreeSet<usize> {
     stamps(file).flat_map(|(_, stamp)| indices(stamp, "replaces")).collect()
 }
 
-/// The nodes of each level, without the smallest level of each object.
-fn detailed_levels(file: &Builder) -> BTreeMap<u64, BTreeSet<usize>> {
+/// The nodes that show each level, in the scene of the source or alone, without the smallest level of each object.
+fn detailed_levels(file: &Builder, source: &BTreeSet<usize>) -> BTreeMap<u64, BTreeSet<usize>> {
     let number = |stamp: &Value| stamp.get("level").and_then(Value::as_u64);
     let mut smallest: BTreeMap<Option<usize>, u64> = BTreeMap::new();
     for (_, stamp) in stamps(file) {
@@ -131,20 +131,43 @@ fn detailed_levels(file: &Builder) -> BTreeMap<u64, BTreeSet<usize>> {
             levels.entry(level).or_default().insert(node);
         }
     }
+    let alone = shown_alone(file, source);
+    for nodes in levels.values_mut() {
+        let meshes: BTreeSet<usize> = nodes.iter().filter_map(|node| mesh_of(file, *node)).collect();
+        nodes.extend(alone.iter().filter(|node| mesh_of(file, **node).is_some_and(|mesh| meshes.contains(&mesh))));
+    }
     levels
+}
+
+/// The nodes that no scene with the source shows, but for the levels themselves: copies of levels, in scenes of their own.
+fn shown_alone(file: &Builder, source: &BTreeSet<usize>) -> BTreeSet<usize> {
+    let scenes = file.all(Kind::Scene).iter().map(|scene| nodes_of(file, scene));
+    let with_source: BTreeSet<usize> = scenes.filter(|nodes| !nodes.is_disjoint(source)).flatten().collect();
+    let is_level = |node: &Value| node.pointer("/extras/simpliguard").is_some();
+    let others = file.all(Kind::Node).iter().enumerate().filter(|(_, node)| !is_level(node));
+    others.map(|(i, _)| i).filter(|i| !with_source.contains(i)).collect()
+}
+
+fn mesh_of(file: &Builder, node: usize) -> Option<usize> {
+    index(file.all(Kind::Node).get(node)?, "mesh")
+}
+
+/// The nodes of a scene.
+fn nodes_of(file: &Builder, scene: &Value) -> BTreeSet<usize> {
+    let (mut open, mut seen) = (indices(scene, "nodes").collect::<Vec<_>>(), BTreeSet::new());
+    while let Some(node) = open.pop() {
+        if seen.insert(node) {
+            open.extend(file.all(Kind::Node).get(node).into_iter().flat_map(|node| indices(node, "children")));
+        }
+    }
+    seen
 }
 
 /// True if each scene has all of these nodes or none.
 fn scenes_are_whole(file: &Builder, nodes: &BTreeSet<usize>) -> bool {
     file.all(Kind::Scene).iter().all(|scene| {
-        let (mut open, mut seen) = (indices(scene, "nodes").collect::<Vec<_>>(), BTreeSet::new());
-        while let Some(node) = open.pop() {
-            if seen.insert(node) {
-                open.extend(file.all(Kind::Node).get(node).into_iter().flat_map(|node| indices(node, "children")));
-            }
-        }
-        let count = nodes.iter().filter(|node| seen.contains(node)).count();
-        count == 0 || count == nodes.len()
+        let seen = nodes_of(file, scene);
+        nodes.is_subset(&seen) || nodes.is_disjoint(&seen)
     })
 }
 

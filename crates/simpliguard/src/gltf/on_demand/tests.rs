@@ -176,8 +176,21 @@ fn detailed_levels_are_parts_of_their_own() {
     let level = Read::new(&level.bytes);
     assert_eq!([0, 1, 2].map(|image| level.side(image)), [1, 1, SIDE]);
     let before = Read::new(&whole(with_two_levels));
-    assert_eq!(level.view(level.position(2)), before.view(before.position(2)));
+    assert_eq!(level.view(level.position(2)), &before.view(before.position(2))[..3 * 12]);
     assert_eq!(level.0["asset"]["extras"]["simpliguard"], json!({ "part": "level" }));
+}
+
+#[test]
+fn a_level_that_is_also_shown_alone_is_a_part() {
+    let alone = |scene: usize| {
+        divide(|json| {
+            with_two_levels(json);
+            json["nodes"].as_array_mut().expect("nodes").push(json!({ "mesh": 2 }));
+            json["scenes"][scene]["nodes"].as_array_mut().expect("nodes").push(json!(3));
+        })
+    };
+    assert_eq!(alone(1).map(|divided| divided.parts.len()), Some(2));
+    assert_eq!(alone(0).map(|divided| divided.parts.len()), Some(1), "beside the source, it is something else");
 }
 
 #[test]
