@@ -21,6 +21,9 @@ use super::watch;
 
 /// Time without a change to a file before Bevy's watcher reports the change.
 const DEBOUNCE: Duration = Duration::from_millis(100);
+/// Most processed models that are read at the same time; see [`super::readers`]. Ninety nested loads overflow the 2 MiB of a
+/// thread in debug builds.
+const MOST_MODELS: usize = 16;
 
 /// A value that is set when the folders are known.
 type Late<T> = Arc<OnceCell<T>>;
@@ -142,14 +145,12 @@ struct LateReader {
     /// True if the files are the processed ones.
     is_processed: bool,
     activity: Arc<ProcessorActivity>,
-    /// The places of models that are read at the same time; see [`super::readers`].
+    /// The places of models that are read at the same time.
     places: Arc<Semaphore>,
 }
 
-/// Most processed models that are read at the same time.
-const MOST_MODELS: usize = 16;
-
-/// Tells whether Bevy's glTF loader reads a file. What that reads besides has other extensions, and never waits for a place.
+/// Tells whether Bevy's glTF loader reads a file. The buffers and images that the loader reads besides have other extensions and
+/// never wait for a place.
 fn is_model(path: &Path) -> bool {
     let extension = path.extension().unwrap_or_default();
     ["glb", "gltf"].iter().any(|model| extension.eq_ignore_ascii_case(model))

@@ -66,7 +66,7 @@ fn remove_old(folder: &Path, parts: &[DividedPart]) -> io::Result<()> {
     others.iter().filter(|(_, file)| version(file) != last).try_for_each(|(_, old)| fs::remove_file(old))
 }
 
-/// What the names of the files of one version have in common.
+/// The beginning of a file's name, which the files of one version have in common.
 fn version(file: &Path) -> Option<String> {
     let name = file.file_name()?.to_str()?;
     Some(name.split(['_', '.']).next()?.to_owned())

@@ -1,4 +1,4 @@
-//! What is drawn in place of a source or a level that is loaded on demand and not there yet.
+//! Stand-ins for a source or a level that is loaded on demand and not there yet.
 
 use super::distance::{Choice, FADE_STEPS, Rung};
 use super::fade::Show;
@@ -13,18 +13,18 @@ pub(super) struct Cover {
 }
 
 impl Cover {
-    /// What is shown of the cover, if its group is not veiled.
+    /// The visible pixels of the cover, if its group is not veiled.
     pub(super) fn show(self, choice: Choice, whole: Show) -> Show {
         let can_fade = choice.next.is_none() && whole == Show::Whole;
         if self.step > 0 && can_fade { Show::FadeOut(self.step) } else { whole }
     }
 }
 
-/// What is drawn for a choice of levels, as long as some are away or on their way. `steps` tells for the index of a level how
-/// many sixteenths of its pixels may be seen, and `None` while it is away.
+/// The levels that are drawn for a choice while some are away or on their way. `steps` is a function of a level's index: it
+/// returns the sixteenths of the level's pixels that may be seen, and `None` while the level is away.
 ///
-/// In place of a level that is away comes the next coarser one. One that is on its way gets the next coarser one that is there
-/// as its cover.
+/// The next coarser level replaces one that is away. One that is on its way gets the next coarser level that is there as its
+/// cover.
 pub(super) fn stand_in(choice: Choice, rungs: &[Rung], steps: impl Fn(usize) -> Option<u8>) -> (Choice, Option<Cover>) {
     let coarser = |slot: usize| rungs.iter().map(|rung| rung.slot).filter(move |other| *other > slot);
     let or_coarser = |slot: usize| std::iter::once(slot).chain(coarser(slot));
@@ -40,7 +40,7 @@ mod tests {
     use super::super::distance::rungs;
     use super::*;
 
-    /// What is drawn of a source and three levels, the last of which is always there.
+    /// The drawn levels of a source and three levels, the last of which is always there.
     fn drawn(choice: Choice, [source, first, second]: [Option<u8>; 3]) -> (Choice, Option<Cover>) {
         let rungs = rungs([0.0, 0.01, 0.02, 0.04], 0.1);
         stand_in(choice, &rungs, |slot| [source, first, second, Some(FADE_STEPS)][slot])

@@ -50,7 +50,7 @@ pub(super) struct LodHandler {
     mipmaps: Option<Mipmaps>,
     /// The levels of the file that is being loaded, if it has any.
     file: Option<Arc<LodFile>>,
-    /// What is loaded on demand, if anything is.
+    /// The parts that are loaded on demand, if there are any.
     on_demand: Option<Arc<PartsOfFile>>,
     /// Box of the most detailed level of each group that is in the file, in the space of the levels.
     bounds: HashMap<usize, Bounds>,
@@ -159,8 +159,7 @@ impl GltfExtensionHandler for LodHandler {
         let has_all = self.build_groups(context, root, world, entities);
         let Some(parts) = &self.on_demand else { return };
         let rotate_meshes = self.defaults.convert_coordinates.rotate_meshes;
-        if let Some(on_demand) = parts.component(context, rotate_meshes, (|node: &usize| nodes.contains(node), has_all))
-        {
+        if let Some(on_demand) = parts.component(context, rotate_meshes, &nodes, has_all) {
             let presence = Presence::none(&on_demand);
             world.entity_mut(root).insert((on_demand, presence));
         }

@@ -37,7 +37,7 @@ pub(super) struct LodState {
     is_source_changed: bool,
 }
 
-/// What decides which levels are near enough to be wanted.
+/// The measure that tells which levels are near enough to be wanted.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Nearness {
     /// There is no camera.
@@ -100,7 +100,7 @@ impl LodState {
         [first, next.filter(|next| cover != Some(*next)), cover].into_iter().flatten()
     }
 
-    /// What is drawn for a choice while levels are away.
+    /// The levels that are drawn for a choice while some are away.
     fn drawn_for(
         &self,
         choice: Choice,
@@ -313,7 +313,7 @@ struct Selection<'a> {
 }
 
 impl Selection<'_> {
-    /// The levels for a group, and what decides which ones are wanted.
+    /// The levels for a group, and its nearness.
     fn choice(
         &self,
         group: &LodGroup,

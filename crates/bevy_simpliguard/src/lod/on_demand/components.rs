@@ -1,4 +1,4 @@
-//! What a game sets and sees of sources and levels on demand.
+//! Settings, statistics and components of sources and levels on demand.
 
 use bevy::asset::AssetPath;
 use bevy::prelude::*;
@@ -9,11 +9,11 @@ use crate::lod::distance::FADE_STEPS;
 #[derive(Resource, Reflect, Clone, Debug, PartialEq)]
 #[reflect(Resource, Default, Clone, PartialEq)]
 pub struct SourceSettings {
-    /// Bytes on the GPU that all of them together may take. The nearest come first.
+    /// Bytes on the GPU that all sources and levels together may take. The nearest come first.
     pub budget: u64,
-    /// Seconds that one stays after the last time it was wanted.
+    /// Seconds that a source or level stays after it was last wanted.
     pub keep: f32,
-    /// Seconds before a camera comes so near that one is to be seen, at its present speed, at which it is loaded.
+    /// Seconds ahead of need at which a source or level is loaded. The camera's present speed tells when it will be needed.
     pub ahead: f32,
 }
 
@@ -41,7 +41,7 @@ pub struct SourceStats {
     pub bytes: u64,
 }
 
-/// What of a model is loaded on demand, on the root entity of each scene of its file that may show it.
+/// The parts of a model that are loaded on demand. It is on the root entity of each scene that may show one of them.
 #[derive(Component, Reflect, Clone, Debug)]
 #[reflect(Component, Clone)]
 pub struct OnDemand {
@@ -75,12 +75,12 @@ impl OnDemandPart {
     }
 }
 
-/// What is there of a scene's source and levels that are loaded on demand.
+/// The presence of a scene's source and levels that are loaded on demand.
 #[derive(Component, Reflect, Clone, Debug)]
 #[reflect(Component, Clone)]
 pub(in crate::lod) struct Presence(pub(super) Vec<PartPresence>);
 
-/// What is there of a source or a level.
+/// The presence of a source or a level.
 #[derive(Reflect, Clone, Debug, PartialEq)]
 pub(super) struct PartPresence {
     pub(super) level: u32,
@@ -97,7 +97,8 @@ impl Presence {
         Self(of.parts.iter().map(away).collect())
     }
 
-    /// The sixteenths of a level's pixels that may be seen. `None` while it is away. All of one that is not loaded on demand.
+    /// The sixteenths of a level's pixels that may be seen. `None` while it is away. A level that is not loaded on demand has all
+    /// sixteen.
     pub(in crate::lod) fn steps(&self, level: u32) -> Option<u8> {
         self.0.iter().find(|part| part.level == level).map_or(Some(FADE_STEPS), |part| part.steps)
     }

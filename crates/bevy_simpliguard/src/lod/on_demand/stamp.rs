@@ -1,7 +1,8 @@
-//! What a file says of its source and levels on demand, in `extras` of its asset.
+//! The description of a file's source and levels on demand, in `extras` of its asset.
 
 use bevy::asset::{AssetPath, LoadContext};
 use bevy::gltf::GltfAssetLabel;
+use bevy::platform::collections::HashSet;
 use bevy::prelude::*;
 use gltf::json::deserialize;
 use serde::Deserialize;
@@ -42,7 +43,7 @@ enum Kind {
     Level,
 }
 
-/// What of a file is loaded on demand: the source, and levels.
+/// The parts of a file that are loaded on demand: the source, and levels.
 #[derive(Clone, Debug)]
 pub(in crate::lod) struct PartsOfFile(Vec<PartOfFile>);
 
@@ -66,7 +67,7 @@ pub(in crate::lod) fn is_part(document: &gltf::Document) -> bool {
 }
 
 impl PartsOfFile {
-    /// What of a file is loaded on demand. `None` if nothing is.
+    /// The parts of a file that are loaded on demand. `None` if there are none.
     pub(in crate::lod) fn of(document: &gltf::Document) -> Option<Self> {
         let Stamp { source, levels, .. } = stamp(document)?;
         let parts = source.into_iter().chain(levels).map(|stamp| PartOfFile::of(document, stamp));
@@ -79,15 +80,16 @@ impl PartsOfFile {
         self.0.iter().any(|part| part.stamp.meshes.contains(&mesh))
     }
 
-    /// The component of a scene that may show parts: its nodes do, or levels that stand for its nodes. `None` if it cannot.
+    /// The component of a scene with these nodes. `None` if neither its nodes nor levels that stand for them show a part.
     /// `has_levels` tells whether levels stand for all that the scene has of the source.
     pub(in crate::lod) fn component(
         &self,
         context: &mut LoadContext<'_>,
         rotate_meshes: bool,
-        (has_node, has_levels): (impl Fn(&usize) -> bool, bool),
+        nodes: &HashSet<usize>,
+        has_levels: bool,
     ) -> Option<OnDemand> {
-        let is_in_scene = |part: &PartOfFile| part.nodes.iter().any(&has_node);
+        let is_in_scene = |part: &PartOfFile| part.nodes.iter().any(|node| nodes.contains(node));
         let has_source = self.0.iter().any(|part| part.is_source() && is_in_scene(part));
         let parts = self.0.iter().filter(|part| has_source || is_in_scene(part));
         let always = |part: &PartOfFile| is_in_scene(part) && !(part.is_source() && has_levels);

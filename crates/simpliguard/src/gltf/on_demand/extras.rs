@@ -1,4 +1,4 @@
-//! What a file in parts says of the others.
+//! Descriptions of the other files of a model in `extras`.
 
 use serde_json::Value;
 

@@ -6,8 +6,8 @@
 //! puts the meshes and images of a part into the places of the placeholders has the whole, and whatever it holds stays what it
 //! is. The files of parts have no scenes and no clips.
 //!
-//! What no level stands for stays with the smallest levels: other nodes, and images that several parts show. So do levels that
-//! stand for all objects.
+//! Nodes that no level stands for, and images that several parts show, stay with the smallest levels. So do levels that stand for
+//! all objects.
 
 mod extras;
 mod part;

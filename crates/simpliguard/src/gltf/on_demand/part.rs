@@ -11,6 +11,7 @@ use super::placeholder::{can_replace_mesh, replace_image, replace_mesh};
 
 use crate::data::Document;
 use crate::gltf::export::builder::{Builder, Kind, index, indices};
+use crate::gltf::export::hierarchy::{descendants, scene_roots};
 use crate::gltf::export::prune::each_reference;
 use crate::gltf::gpu_cost::{primitive_memory, texture_memory};
 
@@ -41,7 +42,7 @@ impl Part {
         std::iter::once(source).chain(levels).collect()
     }
 
-    /// What these nodes show. `None` if others show all of it too.
+    /// The part that these nodes show. `None` if others show all of it too.
     fn of(file: &Builder, document: &Document, level: u64, shown_by: &BTreeSet<usize>) -> Option<Self> {
         let nodes = || file.all(Kind::Node).iter().enumerate();
         let mesh_of = |node: &Value| index(node, "mesh");
@@ -72,7 +73,7 @@ impl Part {
         }
     }
 
-    /// What the file with the smallest levels says of it.
+    /// Its description in the file with the smallest levels.
     pub(super) fn stamp(&self, file: &str) -> Value {
         let Self { level, meshes, textures, gpu_bytes, .. } = self;
         json!({ "level": level, "file": file, "bytes": gpu_bytes, "meshes": meshes, "textures": textures })
@@ -141,8 +142,7 @@ fn detailed_levels(file: &Builder, source: &BTreeSet<usize>) -> BTreeMap<u64, BT
 
 /// The nodes that no scene with the source shows, but for the levels themselves: copies of levels, in scenes of their own.
 fn shown_alone(file: &Builder, source: &BTreeSet<usize>) -> BTreeSet<usize> {
-    let scenes = file.all(Kind::Scene).iter().map(|scene| nodes_of(file, scene));
-    let with_source: BTreeSet<usize> = scenes.filter(|nodes| !nodes.is_disjoint(source)).flatten().collect();
+    let with_source: BTreeSet<usize> = scenes(file).filter(|nodes| !nodes.is_disjoint(source)).flatten().collect();
     let is_level = |node: &Value| node.pointer("/extras/simpliguard").is_some();
     let others = file.all(Kind::Node).iter().enumerate().filter(|(_, node)| !is_level(node));
     others.map(|(i, _)| i).filter(|i| !with_source.contains(i)).collect()
@@ -152,23 +152,15 @@ fn mesh_of(file: &Builder, node: usize) -> Option<usize> {
     index(file.all(Kind::Node).get(node)?, "mesh")
 }
 
-/// The nodes of a scene.
-fn nodes_of(file: &Builder, scene: &Value) -> BTreeSet<usize> {
-    let (mut open, mut seen) = (indices(scene, "nodes").collect::<Vec<_>>(), BTreeSet::new());
-    while let Some(node) = open.pop() {
-        if seen.insert(node) {
-            open.extend(file.all(Kind::Node).get(node).into_iter().flat_map(|node| indices(node, "children")));
-        }
-    }
-    seen
+/// The nodes of each scene.
+fn scenes(file: &Builder) -> impl Iterator<Item = BTreeSet<usize>> {
+    let nodes_of = |scene| descendants(file, &scene_roots(file, scene)).into_iter().collect();
+    (0..file.all(Kind::Scene).len()).map(nodes_of)
 }
 
 /// True if each scene has all of these nodes or none.
 fn scenes_are_whole(file: &Builder, nodes: &BTreeSet<usize>) -> bool {
-    file.all(Kind::Scene).iter().all(|scene| {
-        let seen = nodes_of(file, scene);
-        nodes.is_subset(&seen) || nodes.is_disjoint(&seen)
-    })
+    scenes(file).all(|seen| nodes.is_subset(&seen) || nodes.is_disjoint(&seen))
 }
 
 /// The images in the file that only materials of these meshes show.
