@@ -58,7 +58,7 @@ fn every_profile_resolves_for_every_model() {
 
 #[test]
 fn rules_reach_the_models_they_are_meant_for() {
-    let bed = settings(&root().join("assets/bed.glb"), None);
-    assert_eq!(bed.settings.texture_size, 2048.into());
-    assert_eq!(settings(&root().join("assets/octopus.glb"), None).settings.texture_size, 1024.into());
+    let warn_below = |model: &str| settings(&root().join("assets").join(model), None).settings.warn_below;
+    assert_eq!(warn_below("bed.glb"), 20.0);
+    assert_ne!(warn_below("octopus.glb"), 20.0);
 }
