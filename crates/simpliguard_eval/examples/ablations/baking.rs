@@ -69,7 +69,7 @@ impl Timed {
 
     /// Seconds in a stage, summed over levels.
     pub(crate) fn stage(&self, name: &str) -> f64 {
-        self.baked.report.seconds.iter().filter(|(stage, _)| stage == name).map(|(_, seconds)| seconds).sum()
+        self.baked.report.seconds.iter().filter(|(stage, _)| stage == name).fold(0.0, |sum, (_, seconds)| sum + seconds)
     }
 }
 

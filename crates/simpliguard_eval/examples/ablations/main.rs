@@ -1,5 +1,6 @@
 //! What each part of the pipeline is worth: bakes models with one part after the other switched off (SimpliGuard, Figures 8
-//! and 11), measures what the initial texture saves (Figure 9), and how time grows with the source (Figure 7).
+//! and 11), measures what the initial texture saves (Figure 9), and how time grows with the source (Figure 7). Draws the
+//! figures into a folder.
 //!
 //! ```text
 //! cargo run --release -p simpliguard_eval --example ablations -- [--faces 1000,2000,4000] [--views N] [--only TEXT,..]
@@ -7,6 +8,7 @@
 //! ```
 
 mod baking;
+mod chart;
 mod initialisation;
 mod parts;
 mod runtime;
