@@ -61,6 +61,9 @@ struct Options {
     /// Bytes on the GPU that all sources and levels on demand may take, in MiB.
     #[arg(long, default_value_t = 64)]
     budget: u64,
+    /// Largest anisotropy of filters: drivers that render in software spend most of a frame on them.
+    #[arg(long, default_value_t = SimpliguardPlugin::default().anisotropy)]
+    anisotropy: u16,
 }
 
 /// The form of the models, if it is not that of sources on demand.
@@ -128,7 +131,7 @@ fn main() -> AppExit {
     App::new()
         .insert_resource(SourceSettings { budget: options.budget << 20, ..default() })
         .add_plugins((
-            SimpliguardPlugin { mode: Some(BakeMode::Blocking), ..default() },
+            SimpliguardPlugin { mode: Some(BakeMode::Blocking), anisotropy: options.anisotropy, ..default() },
             DefaultPlugins.set(assets).set(WindowPlugin { primary_window: Some(window), ..default() }),
             OverlayPlugin::default(),
         ))

@@ -17,7 +17,8 @@ use bevy::prelude::*;
 use bevy::time::TimeUpdateStrategy;
 use bevy::world_serialization::WorldSerializationPlugin;
 use bevy_simpliguard::lod::{
-    LodGroup, LodLevel, LodPlugin, LodSettings, LodView, OnDemand, SimpliguardLods, SourceSettings, SourceStats,
+    LodGroup, LodLevel, LodPlugin, LodSettings, LodStats, LodView, OnDemand, SimpliguardLods, SourceSettings,
+    SourceStats,
 };
 use simpliguard::Cancellation;
 use simpliguard::gltf::{Divided, compress_textures, divide};
@@ -189,6 +190,20 @@ impl Game {
         let vertices = source.meshes.iter().map(|mesh| meshes.get(mesh).expect("there").count_vertices()).sum();
         (vertices, source.textures.iter().map(|texture| images.get(texture).expect("there").width()).collect())
     }
+}
+
+#[test]
+fn the_triangles_of_what_is_away_are_known() {
+    let mut game = Game::one();
+    game.frame();
+    let world = game.app.world_mut();
+    let group = world.query::<&LodGroup>().single(world).expect("one").clone();
+    let faces = |level: &LodLevel| (level.level, u64::from(level.primitives.iter().map(|p| p.faces).sum::<u32>()));
+    let found: Vec<(u32, u64)> = group.levels.iter().map(faces).collect();
+    let levels = OCTOPUS.report.levels.iter().rev().map(|level| (level.level, u64::from(level.faces)));
+    let expected: Vec<(u32, u64)> = std::iter::once((0, OCTOPUS.report.source_faces)).chain(levels).collect();
+    assert_eq!(found, expected);
+    assert_eq!(world.resource::<LodStats>().source_triangles, OCTOPUS.report.source_faces);
 }
 
 #[test]

@@ -182,8 +182,16 @@ impl LodHandler {
         let groups = file.groups.iter().enumerate().filter(|(_, group)| is_there(group));
         let groups: Vec<_> = groups.filter_map(|(i, group)| Some((group, *self.bounds.get(&i)?))).collect();
         let defaults = self.defaults;
-        let mut builder =
-            SceneBuilder { context, world, root, file: &file, entities, others: &mut self.others, defaults };
+        let mut builder = SceneBuilder {
+            context,
+            world,
+            root,
+            file: &file,
+            on_demand: self.on_demand.as_deref(),
+            entities,
+            others: &mut self.others,
+            defaults,
+        };
         // The entities of all sources are found before levels become their neighbours.
         let of_objects = || groups.iter().map(|(group, _)| *group).filter(|group| group.of == Of::Object);
         let replaced: BTreeSet<usize> = of_objects().flat_map(|group| group.replaces.iter().copied()).collect();
@@ -216,6 +224,8 @@ struct SceneBuilder<'a, 'c> {
     world: &'a mut World,
     root: Entity,
     file: &'a LodFile,
+    /// The parts of the file that are loaded on demand, if there are any.
+    on_demand: Option<&'a PartsOfFile>,
     /// Entities of the scene's nodes.
     entities: HashMap<usize, Entity>,
     others: &'a mut [Box<dyn ErasedGltfExtensionHandler>],
@@ -285,7 +295,7 @@ impl SceneBuilder<'_, '_> {
             let children = self.world.get::<Children>(self.entities[&index]).map(|c| c.iter());
             let drawn = children.into_iter().flatten().filter_map(|c| Some((c, self.world.get::<Mesh3d>(c)?)));
             let mesh = self.file.node(index).and_then(|node| node.mesh());
-            let faces = mesh.iter().flat_map(|mesh| mesh.primitives()).map(|p| file::faces(&p));
+            let faces = mesh.iter().flat_map(|mesh| self.faces(mesh));
             let primitive = |((entity, mesh), faces): ((Entity, &Mesh3d), u32)| LodPrimitive {
                 entity,
                 mesh: mesh.0.clone(),
@@ -404,7 +414,17 @@ impl SceneBuilder<'_, '_> {
         for other in self.others.iter_mut() {
             other.on_spawn_mesh_and_material(self.context, primitive, mesh, &material, &mut entity, &label);
         }
-        LodPrimitive { entity: entity.id(), mesh: handle, faces: file::faces(primitive) }
+        LodPrimitive { entity: entity.id(), mesh: handle, faces: self.faces(mesh)[primitive.index()] }
+    }
+
+    /// The triangles of each primitive of a mesh, also where it is loaded on demand.
+    fn faces(&self, mesh: &gltf::Mesh<'_>) -> Vec<u32> {
+        let primitives = mesh.primitives();
+        let on_demand = self.on_demand.and_then(|parts| parts.faces(mesh.index()));
+        match on_demand.filter(|faces| faces.len() == primitives.len()) {
+            Some(faces) => faces.to_vec(),
+            None => primitives.map(|primitive| file::faces(&primitive)).collect(),
+        }
     }
 }
 

@@ -10,6 +10,7 @@ mod objects;
 mod on_demand;
 mod png;
 mod rewrite;
+mod triangles;
 mod uris;
 
 pub use authored::has_levels;

@@ -33,6 +33,9 @@ struct PartStamp {
     /// Bytes on the GPU.
     bytes: u64,
     meshes: Vec<usize>,
+    /// Triangles of each primitive of each mesh.
+    #[serde(default)]
+    faces: Vec<Vec<u32>>,
     textures: Vec<usize>,
 }
 
@@ -78,6 +81,14 @@ impl PartsOfFile {
     /// Tells whether a mesh is a placeholder in the file.
     pub(in crate::lod) fn has(&self, mesh: usize) -> bool {
         self.0.iter().any(|part| part.stamp.meshes.contains(&mesh))
+    }
+
+    /// The triangles of each primitive of a mesh that is a placeholder in the file. `None` for others.
+    pub(in crate::lod) fn faces(&self, mesh: usize) -> Option<&[u32]> {
+        self.0.iter().find_map(|PartOfFile { stamp, .. }| {
+            let place = stamp.meshes.iter().position(|own| *own == mesh)?;
+            Some(stamp.faces.get(place)?.as_slice())
+        })
     }
 
     /// The component of a scene with these nodes. `None` if neither its nodes nor levels that stand for them show a part.

@@ -29,7 +29,6 @@ mod own_levels;
 mod recipe;
 mod scene;
 mod shared_atlas;
-mod triangles;
 
 pub(crate) use describe::{SCENE_HINT, describe_scene};
 pub(crate) use scene::ObjectScene;

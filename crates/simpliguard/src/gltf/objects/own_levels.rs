@@ -6,10 +6,10 @@ use serde_json::Value;
 
 use super::find::Object;
 use super::recipe::{INSTANCING, Recipe};
-use super::triangles;
 use crate::gltf::authored::{AuthoredLevels, authored_levels, level_nodes};
 use crate::gltf::export::builder::{Builder, Kind, index, indices};
 use crate::gltf::export::hierarchy::descendants;
+use crate::gltf::triangles;
 
 /// The levels of the file that belong to no object yet, by the mesh nodes that they stand for.
 pub(super) struct OwnLevels {

@@ -9,13 +9,13 @@ use super::levels::Levels;
 use super::own_levels::{OwnLevel, OwnLevels};
 use super::recipe::{Channels, Recipe};
 use super::shared_atlas::SharedAtlas;
-use super::triangles;
 use crate::data::{NodePattern, TextureFormat};
 use crate::gltf::authored::level_nodes;
 use crate::gltf::export::builder::{Builder, Kind, index};
 use crate::gltf::export::embed::embed;
 use crate::gltf::export::{clips, hierarchy, lods, prune};
 use crate::gltf::import::{ImportLimits, read_document};
+use crate::gltf::triangles;
 use crate::{Cancellation, Error, Source};
 
 /// A scene file that is divided into objects.

@@ -14,12 +14,15 @@ use crate::gltf::export::builder::{Builder, Kind, index, indices};
 use crate::gltf::export::hierarchy::{descendants, scene_roots};
 use crate::gltf::export::prune::each_reference;
 use crate::gltf::gpu_cost::{primitive_memory, texture_memory};
+use crate::gltf::triangles;
 
 /// The source or a level: the meshes and images that only it shows.
 pub(super) struct Part {
     /// 0 for the source.
     level: u64,
     meshes: BTreeSet<usize>,
+    /// Triangles of each primitive of each mesh.
+    faces: Vec<Vec<u64>>,
     /// The textures that show the images.
     textures: BTreeSet<usize>,
     images: BTreeSet<usize>,
@@ -62,7 +65,8 @@ impl Part {
         let of_meshes = primitives.flatten().filter_map(|primitive| primitive_memory(document, primitive));
         let of_textures = textures.iter().filter_map(|&texture| texture_memory(document, texture));
         let gpu_bytes = of_meshes.sum::<u64>() + of_textures.sum::<u64>();
-        Some(Self { level, meshes, textures, images, gpu_bytes })
+        let faces = meshes.iter().map(|&mesh| triangles::of_primitives(file, mesh).collect()).collect();
+        Some(Self { level, meshes, faces, textures, images, gpu_bytes })
     }
 
     /// The name of its file, in a version of the model.
@@ -75,8 +79,10 @@ impl Part {
 
     /// Its description in the file with the smallest levels.
     pub(super) fn stamp(&self, file: &str) -> Value {
-        let Self { level, meshes, textures, gpu_bytes, .. } = self;
-        json!({ "level": level, "file": file, "bytes": gpu_bytes, "meshes": meshes, "textures": textures })
+        let Self { level, meshes, faces, textures, gpu_bytes, .. } = self;
+        json!({
+            "level": level, "file": file, "bytes": gpu_bytes, "meshes": meshes, "faces": faces, "textures": textures,
+        })
     }
 
     /// Puts placeholders in its place.

@@ -122,6 +122,7 @@ fn the_levels_have_a_placeholder_of_the_source_in_its_place() {
     assert_eq!((divided.parts.len(), &stamp["levels"]), (1, &json!([])), "its only level is the smallest");
     let stamp = &stamp["source"];
     assert_eq!((&stamp["meshes"], &stamp["textures"]), (&json!([0]), &json!([0])));
+    assert_eq!(stamp["faces"], json!([[1]]));
     assert_eq!(stamp["file"], json!(divided.parts[0].name));
     // Texels with mipmaps, four vertices with normals and a target, and their indices: flat, so three corners.
     assert_eq!(stamp["bytes"], json!(4 * (4_u64.pow(9) - 1) / 3 + 3 * (24 + 48)));

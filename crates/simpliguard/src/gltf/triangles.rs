@@ -2,12 +2,17 @@
 
 use serde_json::Value;
 
-use crate::gltf::export::builder::{Builder, Kind, index};
+use super::export::builder::{Builder, Kind, index};
 
 /// Number of triangles of a mesh.
 pub(super) fn of_mesh(out: &Builder, mesh: usize) -> u64 {
+    of_primitives(out, mesh).sum()
+}
+
+/// Number of triangles of each primitive of a mesh.
+pub(super) fn of_primitives(out: &Builder, mesh: usize) -> impl Iterator<Item = u64> {
     let primitives = out.all(Kind::Mesh).get(mesh).and_then(|mesh| mesh.get("primitives")?.as_array());
-    primitives.into_iter().flatten().map(|primitive| of_primitive(out, primitive)).sum()
+    primitives.into_iter().flatten().map(|primitive| of_primitive(out, primitive))
 }
 
 /// Number of triangles that a node shows, over all instances.
