@@ -24,7 +24,8 @@ use bevy::prelude::*;
 use bevy::render::view::screenshot::{Screenshot, save_to_disk};
 use bevy::window::PresentMode;
 use bevy_simpliguard::{
-    BakeMode, BakeStarted, OverlayPlugin, SimpliguardLods, SimpliguardPlugin, SourceSettings, SourceStats,
+    BakeMode, BakeStarted, OverlayPlugin, OverlaySettings, SimpliguardLods, SimpliguardPlugin, SourceSettings,
+    SourceStats,
 };
 use clap::{Args, Parser};
 
@@ -38,6 +39,8 @@ const SPEED: f32 = 20.0;
 const HEIGHT: f32 = 3.0;
 /// Longest step of the flight in seconds: where frames take longer, it is slower.
 const LONGEST_STEP: f32 = 0.1;
+/// Height of the window in pixels, for which the panel has its usual size.
+const SIZE: u32 = 720;
 /// Frames after which all shaders are compiled.
 const WARM_UP: usize = 5;
 /// Metres between two lines of figures.
@@ -56,7 +59,7 @@ struct Options {
     #[arg(long)]
     stay: bool,
     /// Height of the window in pixels.
-    #[arg(long, default_value_t = 720)]
+    #[arg(long, default_value_t = SIZE)]
     size: u32,
     /// Bytes on the GPU that all sources and levels on demand may take, in MiB.
     #[arg(long, default_value_t = 64)]
@@ -122,6 +125,8 @@ fn main() -> AppExit {
         present_mode: if options.stay { PresentMode::AutoVsync } else { PresentMode::AutoNoVsync },
         ..default()
     };
+    let overlay = OverlaySettings::default();
+    let overlay = OverlaySettings { text_size: overlay.text_size * options.size as f32 / SIZE as f32, ..overlay };
     let assets = AssetPlugin {
         mode: AssetMode::Processed,
         file_path: format!("{FOLDER}/assets"),
@@ -133,7 +138,7 @@ fn main() -> AppExit {
         .add_plugins((
             SimpliguardPlugin { mode: Some(BakeMode::Blocking), anisotropy: options.anisotropy, ..default() },
             DefaultPlugins.set(assets).set(WindowPlugin { primary_window: Some(window), ..default() }),
-            OverlayPlugin::default(),
+            OverlayPlugin { settings: overlay },
         ))
         .insert_resource(Flight {
             start,
