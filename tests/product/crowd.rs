@@ -13,7 +13,7 @@ use bevy::asset::io::{AssetSourceBuilder, AssetSourceId};
 use bevy::camera::{CameraPlugin, ComputedCameraValues, RenderTargetInfo};
 use bevy::ecs::system::RunSystemOnce;
 use bevy::gltf::{GltfAssetLabel, GltfPlugin};
-use bevy::image::{CompressedImageFormatSupport, CompressedImageFormats};
+use bevy::image::{CompressedImageFormatSupport, CompressedImageFormats, ImageSampler};
 use bevy::mesh::MeshPlugin;
 use bevy::mesh::skinning::SkinnedMesh;
 use bevy::prelude::*;
@@ -97,6 +97,19 @@ fn textures_of(glb: Vec<u8>, formats: CompressedImageFormats) -> (Vec<Image>, Mo
     let labels = file.textures().map(|texture| GltfAssetLabel::Texture(texture.index()).from_asset(MODEL));
     let image = |label| server.get_handle(&label).and_then(|handle| images.get(&handle)).expect("it is loaded").clone();
     (labels.map(image).collect(), memory.pop().expect("one model"))
+}
+
+#[test]
+fn textures_of_levels_and_source_have_the_same_filter() {
+    let anisotropy = |image: &Image| match &image.sampler {
+        ImageSampler::Descriptor(sampler) => sampler.anisotropy_clamp,
+        ImageSampler::Default => 1,
+    };
+    for glb in [in_blocks(), OCTOPUS.glb.clone()] {
+        let (images, _) = textures_of(glb, CompressedImageFormats::BC);
+        assert!(images.len() > SOURCE_TEXTURES);
+        assert!(images.iter().all(|image| anisotropy(image) == LodPlugin::default().anisotropy));
+    }
 }
 
 #[test]
