@@ -52,9 +52,9 @@ struct Options {
     /// Height of the window in pixels.
     #[arg(long, default_value_t = 720)]
     size: u32,
-    /// Largest anisotropy of filters: drivers that render in software spend most of a frame on them.
-    #[arg(long, default_value_t = SimpliguardPlugin::default().anisotropy)]
-    anisotropy: u16,
+    /// Largest anisotropy of filters; by default 8, and 1 where the renderer runs in software.
+    #[arg(long)]
+    anisotropy: Option<u16>,
 }
 
 /// Where the village is seen from.

@@ -64,9 +64,9 @@ struct Options {
     /// Bytes on the GPU that all sources and levels on demand may take, in MiB.
     #[arg(long, default_value_t = 64)]
     budget: u64,
-    /// Largest anisotropy of filters: drivers that render in software spend most of a frame on them.
-    #[arg(long, default_value_t = SimpliguardPlugin::default().anisotropy)]
-    anisotropy: u16,
+    /// Largest anisotropy of filters; by default 8, and 1 where the renderer runs in software.
+    #[arg(long)]
+    anisotropy: Option<u16>,
 }
 
 /// The form of the models, if it is not that of sources on demand.

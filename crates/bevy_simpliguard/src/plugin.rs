@@ -29,7 +29,7 @@ pub struct SimpliguardPlugin {
     /// True if the textures of levels and of their source get mipmaps; see [`LodPlugin::mipmaps`]. On by default.
     pub mipmaps: bool,
     /// Largest anisotropy of the filter of mipmaps; see [`LodPlugin::anisotropy`].
-    pub anisotropy: u16,
+    pub anisotropy: Option<u16>,
     /// Overrides `plugin.mode` of `config/simpliguard.ron`.
     pub mode: Option<BakeMode>,
     /// A profile of `config/simpliguard.ron`.

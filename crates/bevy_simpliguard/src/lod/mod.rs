@@ -66,8 +66,10 @@ use bevy::gltf::extensions::GltfExtensionHandlers;
 use bevy::gltf::{DefaultGltfImageSampler, GltfPlugin};
 use bevy::image::{CompressedImageFormatSupport, CompressedImageFormats};
 use bevy::prelude::*;
+use bevy::render::renderer::RenderAdapterInfo;
 use bevy::tasks::block_on;
 use bevy::transform::TransformSystems;
+use wgpu_types::DeviceType;
 
 pub use self::components::{LodGroup, LodLevel, LodMember, LodPrimitive, LodSettings, LodView, SimpliguardLods};
 use self::handler::{LoaderDefaults, LodHandler};
@@ -76,6 +78,9 @@ use self::mipmaps::{Mipmaps, TextureOptions};
 pub use self::on_demand::{OnDemand, OnDemandPart, SourceSettings, SourceStats};
 use self::on_demand::{Presence, Residency};
 pub use self::stats::{LodLevelStats, LodStats};
+
+/// The anisotropy of filters on graphics cards.
+const ANISOTROPY: u16 = 8;
 
 /// Switches the levels of baked glTF files. It needs Bevy's `GltfPlugin` and may be added before or after it.
 #[derive(Clone, Debug)]
@@ -89,13 +94,14 @@ pub struct LodPlugin {
     /// does not take them. All are filtered with the sampler of Bevy's `GltfPlugin`.
     pub mipmaps: bool,
     /// Largest anisotropy of the filter of mipmaps, from 1 (none: surfaces that are seen at a grazing angle blur) to 16.
+    /// `None` stands for 8, and for 1 where the renderer runs in software: such filters take most of its time.
     /// Where the sampler of Bevy's `GltfPlugin` is anisotropic, its own counts.
-    pub anisotropy: u16,
+    pub anisotropy: Option<u16>,
 }
 
 impl Default for LodPlugin {
     fn default() -> Self {
-        Self { settings: LodSettings::default(), mipmaps: true, anisotropy: 8 }
+        Self { settings: LodSettings::default(), mipmaps: true, anisotropy: None }
     }
 }
 
@@ -153,11 +159,18 @@ impl Plugin for LodPlugin {
         };
         let formats = app.world().get_resource::<CompressedImageFormatSupport>();
         let formats = formats.map_or(CompressedImageFormats::NONE, |support| support.0);
-        let options = TextureOptions { mipmaps: self.mipmaps, anisotropy: self.anisotropy, formats };
+        let adapter = app.world().get_resource::<RenderAdapterInfo>().map(|adapter| adapter.device_type);
+        let anisotropy = self.anisotropy.unwrap_or(default_anisotropy(adapter));
+        let options = TextureOptions { mipmaps: self.mipmaps, anisotropy, formats };
         let sampler = app.world().get_resource::<DefaultGltfImageSampler>();
         let mipmaps = sampler.map(|sampler| Mipmaps::new(sampler.get_internal(), options));
         let mut handlers = block_on(handlers.0.write());
         let handler = LodHandler::new(handlers.clone(), defaults.unwrap_or_default(), mipmaps);
         handlers.push(Box::new(handler));
     }
+}
+
+/// The anisotropy of filters on an adapter. `None` stands for a game without a renderer.
+fn default_anisotropy(adapter: Option<DeviceType>) -> u16 {
+    if adapter == Some(DeviceType::Cpu) { 1 } else { ANISOTROPY }
 }

@@ -18,8 +18,9 @@ use bevy::image::{CompressedImageFormatSupport, CompressedImageFormats};
 use bevy::mesh::MeshPlugin;
 use bevy::prelude::*;
 use bevy::world_serialization::{WorldAssetRoot, WorldSerializationPlugin};
+use wgpu_types::DeviceType;
 
-use super::{LodGroup, LodMember, LodPlugin, SimpliguardLods};
+use super::{ANISOTROPY, LodGroup, LodMember, LodPlugin, SimpliguardLods, default_anisotropy};
 
 /// An app that draws nothing, and the folder its assets are in.
 struct TestApp {
@@ -129,4 +130,16 @@ impl TestApp {
 fn computed(clip_from_view: Mat4, height: u32) -> ComputedCameraValues {
     let target_info = Some(RenderTargetInfo { physical_size: UVec2::new(height, height), scale_factor: 1.0 });
     ComputedCameraValues { clip_from_view, target_info, ..default() }
+}
+
+#[test]
+fn filters_are_isotropic_in_software() {
+    for (adapter, anisotropy) in [
+        (None, ANISOTROPY),
+        (Some(DeviceType::DiscreteGpu), ANISOTROPY),
+        (Some(DeviceType::IntegratedGpu), ANISOTROPY),
+        (Some(DeviceType::Cpu), 1),
+    ] {
+        assert_eq!(default_anisotropy(adapter), anisotropy);
+    }
 }
