@@ -168,7 +168,8 @@ fn detailed_levels_are_parts_of_their_own() {
     assert_eq!([0, 1, 2].map(|image| levels.side(image)), [1, SIDE, 1], "the smallest level has its picture");
     let stamp = &levels.0["asset"]["extras"]["simpliguard"]["levels"];
     let expected = json!([{
-        "level": 2, "file": divided.parts[1].name, "bytes": stamp[0]["bytes"], "meshes": [2], "textures": [2],
+        "level": 2, "file": divided.parts[1].name, "bytes": stamp[0]["bytes"], "meshes": [2], "faces": [[1]],
+        "textures": [2],
     }]);
     assert_eq!(stamp, &expected);
     let [source, level] = &divided.parts[..] else { panic!("two parts") };
