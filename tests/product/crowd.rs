@@ -32,7 +32,7 @@ use super::blocks::{line_error, mean_square};
 const CROWD: Crowd = Crowd { count: 50 };
 /// Textures of the octopus itself, which come before those of its levels.
 const SOURCE_TEXTURES: usize = 1;
-/// Of the filters of a game whose renderer does not run in software.
+/// Anisotropy of the filters of a game whose renderer does not run in software.
 const ANISOTROPY: u16 = 8;
 /// Mean squared error that blocks may have above that of lines: endpoints and steps between them are rounded.
 const ROUNDING: f64 = 1.0;

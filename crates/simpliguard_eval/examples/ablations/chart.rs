@@ -13,7 +13,9 @@ const SPACE: (u32, u32) = (16, 48);
 const LETTERS: u32 = 15;
 /// Height of a bar, of one.
 const BAR: f64 = 0.7;
-/// Part of the width that bars leave for their names, and part of a range that axes have beyond what is drawn.
+/// Space between a bar and its name, as a part of the longest bar.
+const GAP: f64 = 0.01;
+/// Part of the width that is left beside the longest bar for its name, and margin of an axis as a part of its range.
 const MARGIN: (f64, f64) = (0.35, 0.08);
 
 /// A line of a chart: its name and its points from the left to the right.
@@ -45,7 +47,7 @@ pub(crate) fn lines(file: &Path, [x, y]: [&str; 2], lines: &[Line<'_>]) -> Resul
     Ok(area.present()?)
 }
 
-/// A bar for each value, the first on top, with its name and the value in `unit` beside it.
+/// A bar for each value, from the top down, with its name and the value in `unit` beside it.
 pub(crate) fn bars(file: &Path, unit: &str, bars: &[(String, f64)]) -> Result<(), Box<dyn Error>> {
     let most = bars.iter().map(|(_, value)| *value).fold(f64::MIN_POSITIVE, f64::max);
     let area = SVGBackend::new(file, SIZE).into_drawing_area();
@@ -59,14 +61,14 @@ pub(crate) fn bars(file: &Path, unit: &str, bars: &[(String, f64)]) -> Result<()
     });
     chart.draw_series(boxes)?;
     let names = bars.iter().enumerate().map(|(row, (name, value))| {
-        let at = (value + MARGIN.0 * most / LETTERS as f64 / 2.0, place(row) + BAR / 4.0);
+        let at = (value + GAP * most, place(row) + BAR / 4.0);
         Text::new(format!("{name} {value:.2} {unit}"), at, ("sans-serif", LETTERS))
     });
     chart.draw_series(names)?;
     Ok(area.present()?)
 }
 
-/// The range of some values, and a little beyond. Values from nought on begin there.
+/// The range of some values with a margin on both sides, which does not reach below zero if no value does.
 fn range(values: impl Iterator<Item = f64>) -> std::ops::Range<f64> {
     let (least, most) = values.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), v| (a.min(v), b.max(v)));
     let beyond = MARGIN.1 * (most - least).max(f64::MIN_POSITIVE);
