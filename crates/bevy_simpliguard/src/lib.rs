@@ -17,7 +17,7 @@ pub use bake::{
     BakeFailed, BakeFinished, BakeProgress, BakeStarted, BakeStatus, Bakes, MetaSettings, SimpliguardProcess,
 };
 pub use lod::{LodSettings, LodStats, SimpliguardLods, SourceSettings, SourceStats};
-pub use options::{BakeMode, BakePriority};
+pub use options::{BakeBackend, BakeMode, BakePriority};
 #[cfg(feature = "overlay")]
 pub use overlay::{OverlayPlugin, OverlaySettings};
 pub use plugin::SimpliguardPlugin;

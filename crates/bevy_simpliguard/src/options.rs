@@ -2,6 +2,8 @@
 
 #[cfg(feature = "bake")]
 use std::path::PathBuf;
+#[cfg(feature = "bake")]
+use std::time::Duration;
 
 /// Time at which the levels of a model appear.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -26,6 +28,18 @@ pub enum BakePriority {
     Normal,
 }
 
+/// The processor that refines levels.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum BakeBackend {
+    /// A GPU, if the machine has one, else the CPU.
+    Auto,
+    /// The CPU. It gives the same bytes on every machine.
+    #[default]
+    Cpu,
+    /// A GPU, and the CPU with a warning if there is none.
+    Gpu,
+}
+
 /// The options of the plugin that concern baking. `None` leaves a value to `config/simpliguard.ron`.
 #[cfg(feature = "bake")]
 #[derive(Clone, Debug, Default)]
@@ -42,4 +56,7 @@ pub(crate) struct BakeOptions {
     pub(crate) memory: Option<u64>,
     /// True if each bake runs in a process of its own.
     pub(crate) isolate: Option<bool>,
+    pub(crate) backend: Option<BakeBackend>,
+    /// Most work of a GPU in each frame.
+    pub(crate) gpu_time: Option<Duration>,
 }

@@ -1,11 +1,12 @@
 //! The plugin.
 
 use std::path::PathBuf;
+use std::time::Duration;
 
 use bevy::prelude::*;
 
 use crate::lod::{LodPlugin, LodSettings};
-use crate::options::{BakeMode, BakePriority};
+use crate::options::{BakeBackend, BakeMode, BakePriority};
 
 /// Bakes levels of detail when models are imported, and switches them while the game runs. Add it before
 /// `DefaultPlugins`, and set `AssetMode::Processed`:
@@ -48,6 +49,12 @@ pub struct SimpliguardPlugin {
     /// of memory costs one model and not the game. For that the game starts itself once more; this plugin bakes and ends that
     /// process as soon as it is added. So whatever `main` does before runs there too.
     pub isolate: Option<bool>,
+    /// Overrides `backend` of `config/simpliguard.ron`. A GPU needs the feature `gpu`, which is on by default.
+    pub backend: Option<BakeBackend>,
+    /// Most work of a GPU for bakes in each frame, that is, in each sixtieth of a second. Overrides
+    /// `plugin.gpu_ms_per_frame` of `config/simpliguard.ron`. By default 4 milliseconds, and no limit in
+    /// [`BakeMode::Blocking`].
+    pub gpu_time: Option<Duration>,
 }
 
 impl Default for SimpliguardPlugin {
@@ -64,6 +71,8 @@ impl Default for SimpliguardPlugin {
             priority: None,
             memory: None,
             isolate: None,
+            backend: None,
+            gpu_time: None,
         }
     }
 }
@@ -71,9 +80,9 @@ impl Default for SimpliguardPlugin {
 #[cfg(feature = "bake")]
 impl SimpliguardPlugin {
     fn bake_options(&self) -> crate::options::BakeOptions {
-        let Self { mode, threads, priority, memory, isolate, .. } = *self;
+        let Self { mode, threads, priority, memory, isolate, backend, gpu_time, .. } = *self;
         let (profile, cache_dir) = (self.profile.clone(), self.cache_dir.clone());
-        crate::options::BakeOptions { mode, profile, cache_dir, threads, priority, memory, isolate }
+        crate::options::BakeOptions { mode, profile, cache_dir, threads, priority, memory, isolate, backend, gpu_time }
     }
 }
 

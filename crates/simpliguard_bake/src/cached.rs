@@ -4,11 +4,11 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 use simpliguard::gltf::BLOCKS_VERSION;
-use simpliguard::settings::{BackendChoice, BakeSettings, Scope, TextureCompression};
+use simpliguard::settings::{BakeSettings, Scope, TextureCompression};
 use simpliguard::{Context, Error, Key, KeyBuilder, ProgressSink, SceneBake, Source, StageStore, bake_key};
 use simpliguard_cache::{Cache, Flight, Lookup, SingleFlight};
 
-use crate::device::find_device;
+use crate::device::{Processor, find_device};
 use crate::host::{Host, Notice};
 use crate::isolation::Isolation;
 use crate::object_host::ObjectHost;
@@ -22,7 +22,7 @@ pub struct CachedBake<'a> {
     parts: Parts<'a>,
     cache: Option<&'a Cache>,
     isolation: Option<&'a Isolation>,
-    backend: BackendChoice,
+    processor: Processor,
     key: Key,
     /// The key of the result whose textures are images. The other one is made from it.
     image_key: Key,
@@ -58,7 +58,7 @@ impl<'a> CachedBake<'a> {
                 KeyBuilder::new("textures in blocks").stage("BC7", BLOCKS_VERSION).key(&image_key).finish()
             }
         };
-        Ok(Self { key, image_key, source, settings, parts, cache, isolation: None, backend: BackendChoice::Cpu })
+        Ok(Self { key, image_key, source, settings, parts, cache, isolation: None, processor: Processor::default() })
     }
 
     /// The key of the result whose textures are images. With `texture_compression: Bc`, [`Self::key`] is another one: its
@@ -80,8 +80,8 @@ impl<'a> CachedBake<'a> {
 
     /// Refines levels on this processor. Without it, on the CPU.
     #[must_use]
-    pub fn on(self, backend: BackendChoice) -> Self {
-        Self { backend, ..self }
+    pub fn on(self, processor: impl Into<Processor>) -> Self {
+        Self { processor: processor.into(), ..self }
     }
 
     /// The key of the result: it stands for all bytes of the source, the settings and the version of the pipeline.
@@ -112,7 +112,7 @@ impl<'a> CachedBake<'a> {
         self.find_or_make(context, host, |context| {
             host.begin()?;
             let Some(isolation) = self.isolation else { return self.make(context, host) };
-            let terms = (self.parts, self.backend);
+            let terms = (self.parts, self.processor);
             match isolation.bake((&self.source, self.settings, self.cache), terms, (context, host))? {
                 Some(result) => Ok(result),
                 None => self.make(context, host),
@@ -161,7 +161,7 @@ impl<'a> CachedBake<'a> {
     fn bake(&self, context: &Context<'_>, host: &impl Host) -> Result<BakeResult, Error> {
         let stages = self.cache.map(StageObjects);
         let stages = stages.as_ref().map(|stages| stages as &dyn StageStore);
-        let device = find_device(self.backend, |notice| host.notify(notice));
+        let device = find_device(self.processor, |notice| host.notify(notice));
         let context = Context { stages, device, ..context.clone() };
         host.compute(|| BakeResult::compute(&self.source, self.settings, &context, self.parts))
     }
@@ -179,7 +179,7 @@ impl<'a> CachedBake<'a> {
             let progress = progress.as_ref().map(|progress| progress as &dyn ProgressSink);
             let own = Context { progress, preview: None, ..context.clone() };
             let outcome = CachedBake::new(object.source(&self.source), &object.settings, Parts::Combined, self.cache)
-                .map(|bake| bake.on(self.backend).with_images())
+                .map(|bake| bake.on(self.processor).with_images())
                 .and_then(|bake| bake.find_or_make(&own, &ObjectHost(host), |own| bake.bake(own, host)));
             let is_object = |_: &&Outcome| object.is_object();
             outcome.iter().filter(is_object).for_each(|outcome| host.object(&object.name, outcome.is_cached));

@@ -20,7 +20,7 @@ mod result;
 mod stage_objects;
 
 pub use cached::{CachedBake, Outcome, look_up};
-pub use device::find_device;
+pub use device::{Processor, find_device};
 pub use host::{Host, Notice};
 pub use isolation::Isolation;
 pub use memory::default_memory;

@@ -12,6 +12,7 @@ use wgpu::{
 use crate::adapter::{self, Choice};
 use crate::error::GpuError;
 use crate::kernels::Kernels;
+use crate::pace::Pace;
 
 /// Longest wait for a result. It is the work of all views at most, each of which is submitted alone and takes milliseconds.
 const TIMEOUT: Duration = Duration::from_secs(120);
@@ -25,6 +26,8 @@ pub(crate) struct GpuDevice {
     pub(crate) kernels: Kernels,
     /// Which of its two passes `find_blends` makes.
     pub(crate) passes_of_find: [Buffer; 2],
+    /// How long it may work in a frame of a game.
+    pub(crate) pace: Pace,
     /// The first failure, or the loss. Nothing can be done after it.
     failure: Arc<Mutex<Option<String>>>,
     /// Submissions before the device is destroyed, in tests of faults.
@@ -58,7 +61,8 @@ impl GpuDevice {
         if let Some(found) = locked(&failure).clone() {
             return Err(unsuitable(found));
         }
-        Ok(Self { name, device, queue, kernels, passes_of_find, failure, fuse: AtomicU32::new(u32::MAX) })
+        let fuse = AtomicU32::new(u32::MAX);
+        Ok(Self { name, device, queue, kernels, passes_of_find, pace: Pace::default(), failure, fuse })
     }
 
     /// A buffer of zeros, which kernels read and write.
@@ -91,8 +95,12 @@ impl GpuDevice {
         Ok(buffer)
     }
 
-    /// Sends commands to the device.
+    /// Sends commands to the device, at the pace that it may work at.
     pub(crate) fn submit(&self, encoder: CommandEncoder) -> Result<wgpu::SubmissionIndex, GpuError> {
+        self.pace.run(|| self.submit_now(encoder), |submission| self.wait(submission))
+    }
+
+    fn submit_now(&self, encoder: CommandEncoder) -> Result<wgpu::SubmissionIndex, GpuError> {
         if self.fuse.fetch_sub(1, Ordering::Relaxed) == 0 {
             self.device.destroy();
         }
@@ -110,16 +118,7 @@ impl GpuDevice {
         let (sender, receiver) = mpsc::channel();
         let slice = staging.slice(..);
         slice.map_async(MapMode::Read, move |mapped| drop(sender.send(mapped)));
-        let wait = PollType::Wait { submission_index: Some(submission), timeout: Some(TIMEOUT) };
-        if let Err(error) = self.device.poll(wait) {
-            let _ = self.device.poll(PollType::Poll);
-            self.check()?;
-            return Err(match error {
-                PollError::Timeout => GpuError::TimedOut(TIMEOUT.as_secs()),
-                error => GpuError::Failed(error.to_string()),
-            });
-        }
-        self.check()?;
+        self.wait(&submission)?;
         // Another thread that polls the device may be the one that calls back.
         match receiver.recv_timeout(TIMEOUT) {
             Ok(Ok(())) => {}
@@ -128,6 +127,25 @@ impl GpuDevice {
         let bytes = slice.get_mapped_range().to_vec();
         staging.unmap();
         Ok(bytes)
+    }
+
+    /// Waits until the device is done with what was sent to it.
+    fn wait(&self, submission: &wgpu::SubmissionIndex) -> Result<(), GpuError> {
+        let wait = PollType::Wait { submission_index: Some(submission.clone()), timeout: Some(TIMEOUT) };
+        match self.device.poll(wait) {
+            Ok(_) => self.check(),
+            Err(PollError::Timeout) => {
+                let _ = self.device.poll(PollType::Poll);
+                self.check()?;
+                Err(GpuError::TimedOut(TIMEOUT.as_secs()))
+            }
+            Err(error) => {
+                // A lost device took nothing. It tells of its loss once the work before that is done.
+                let _ = self.device.poll(PollType::Wait { submission_index: None, timeout: Some(TIMEOUT) });
+                self.check()?;
+                Err(GpuError::Failed(error.to_string()))
+            }
+        }
     }
 
     /// `Err` once the device has failed.

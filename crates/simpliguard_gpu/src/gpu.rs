@@ -1,5 +1,7 @@
 //! A GPU as a backend of the refine stage.
 
+use std::time::Duration;
+
 use simpliguard::Cancellation;
 use simpliguard::refine::{Backend, CoveredViews, DeviceError, LevelRenderer, LowPoly};
 
@@ -28,6 +30,13 @@ impl Gpu {
     /// True once the device has failed. It is of no use after that.
     pub fn is_lost(&self) -> bool {
         self.0.check().is_err()
+    }
+
+    /// Limits the work of the device in each sixtieth of a second, for a game that draws with the same GPU. Work is sent
+    /// in pieces of a view or of a few iterations, one after another, with pauses between them. `None`, as at first, is no
+    /// limit. The result is the same.
+    pub fn limit_work(&self, in_a_frame: Option<Duration>) {
+        self.0.pace.set_limit(in_a_frame);
     }
 
     /// Loses the device after so many submissions; for tests of faults.

@@ -17,6 +17,7 @@ mod frame;
 mod gpu;
 mod kernels;
 mod level_buffers;
+mod pace;
 mod renderer;
 mod self_test;
 mod texture_least_squares;

@@ -4,7 +4,7 @@ use glam::{Vec3, Vec4, Vec4Swizzles};
 use simpliguard::Cancellation;
 use simpliguard::refine::{BATCH, CoveredViews, DeviceError, Drawing, LevelRenderer, LossTerms, LowPoly, ViewGradient};
 use simpliguard::render::{Rect, View};
-use wgpu::{Buffer, BufferUsages, CommandEncoder, ComputePassDescriptor};
+use wgpu::{Buffer, BufferUsages, ComputePass, ComputePassDescriptor};
 
 use crate::device::GpuDevice;
 use crate::error::GpuError;
@@ -65,15 +65,19 @@ impl<'a> Renderer<'a> {
         self.frames[frame].bindings().and(self.level.bindings(view)).and(partials)
     }
 
-    fn encoder(&self) -> CommandEncoder {
-        self.gpu.device.create_command_encoder(&Default::default())
+    /// Sends the commands of one pass.
+    fn submit(&self, record: impl FnOnce(&mut ComputePass<'_>)) -> Result<(), GpuError> {
+        let mut encoder = self.gpu.device.create_command_encoder(&Default::default());
+        record(&mut encoder.begin_compute_pass(&ComputePassDescriptor::default()));
+        self.gpu.submit(encoder).map(drop)
     }
 
-    /// Sends commands, and returns the content of some buffers.
-    fn read(&self, mut encoder: CommandEncoder, buffers: &[(&Buffer, usize)]) -> Result<Vec<u8>, GpuError> {
+    /// Waits for the content of some buffers.
+    fn read(&self, buffers: &[(&Buffer, usize)]) -> Result<Vec<u8>, GpuError> {
         let bytes = buffers.iter().map(|(_, bytes)| bytes).sum();
         let usage = BufferUsages::MAP_READ | BufferUsages::COPY_DST;
         let staging = self.gpu.buffer_for("the result", bytes, usage)?;
+        let mut encoder = self.gpu.device.create_command_encoder(&Default::default());
         let mut at = 0;
         for (buffer, bytes) in buffers {
             encoder.copy_buffer_to_buffer(buffer, 0, &staging, at, *bytes as u64);
@@ -90,22 +94,22 @@ impl<'a> Renderer<'a> {
     ) -> Result<Vec<u8>, GpuError> {
         self.update(low, BATCH)?;
         let most = most_tiles(self.views.size());
-        let mut encoder = self.encoder();
         for (k, &index) in views.iter().enumerate() {
             let first_partial = (k * most) as u32;
             let terms = Terms { background, gradient_weight, first_partial, ..Terms::default() };
             let view = self.view(index);
             self.frames[k].prepare(self.gpu, low, view, terms);
             let bindings = self.bindings(k, index);
-            let mut pass = encoder.begin_compute_pass(&ComputePassDescriptor::default());
-            self.frames[k].render(self.gpu, &mut pass, &bindings);
-            self.frames[k].backward(self.gpu, &mut pass, &bindings);
+            self.submit(|pass| {
+                self.frames[k].render(self.gpu, pass, &bindings);
+                self.frames[k].backward(self.gpu, pass, &bindings);
+            })?;
         }
         let gradients = self.frames.iter().filter_map(|frame| frame.buffer(Slot::VertexGradients));
         let mut wanted: Vec<(&Buffer, usize)> =
             gradients.map(|buffer| (buffer, VECTOR * low.positions.len())).collect();
         wanted.push((&self.partials, VECTOR * most * BATCH));
-        self.read(encoder, &wanted)
+        self.read(&wanted)
     }
 
     fn try_differentiate(
@@ -137,14 +141,12 @@ impl<'a> Renderer<'a> {
             self.frames[0].prepare(self.gpu, low, view, terms);
             tiles.push(self.frames[0].tiles());
             let bindings = self.bindings(0, index);
-            let mut encoder = self.encoder();
-            let mut pass = encoder.begin_compute_pass(&ComputePassDescriptor::default());
-            self.frames[0].render(self.gpu, &mut pass, &bindings);
-            self.frames[0].squared_errors(self.gpu, &mut pass, &bindings);
-            drop(pass);
-            self.gpu.submit(encoder)?;
+            self.submit(|pass| {
+                self.frames[0].render(self.gpu, pass, &bindings);
+                self.frames[0].squared_errors(self.gpu, pass, &bindings);
+            })?;
         }
-        let bytes = self.read(self.encoder(), &[(&self.partials, VECTOR * most * tiles.len())])?;
+        let bytes = self.read(&[(&self.partials, VECTOR * most * tiles.len())])?;
         let sums: Vec<Vec4> = bytemuck::pod_collect_to_vec(&bytes);
         let pixels = (3 * self.views.size().pow(2)) as f64;
         let error = |(view, tiles): (usize, usize)| {
@@ -160,15 +162,12 @@ impl<'a> Renderer<'a> {
         let (view, _) = self.view(index);
         self.frames[0].prepare(self.gpu, low, (view, Rect { x0: 0, y0: 0, x1: size, y1: size }), Terms::default());
         let bindings = self.bindings(0, index);
-        let mut encoder = self.encoder();
-        let mut pass = encoder.begin_compute_pass(&ComputePassDescriptor::default());
-        self.frames[0].render(self.gpu, &mut pass, &bindings);
-        drop(pass);
+        self.submit(|pass| self.frames[0].render(self.gpu, pass, &bindings))?;
         let sizes = [(Slot::Ids, 4), (Slot::Image, VECTOR)];
         let frame = &self.frames[0];
         let wanted: Vec<(&Buffer, usize)> =
             sizes.iter().filter_map(|(slot, bytes)| Some((frame.buffer(*slot)?, bytes * size * size))).collect();
-        let bytes = self.read(encoder, &wanted)?;
+        let bytes = self.read(&wanted)?;
         let (ids, colors) = bytes.split_at(4 * size * size);
         Ok(Drawing { ids: bytemuck::pod_collect_to_vec(ids), colors: bytemuck::pod_collect_to_vec(colors) })
     }
@@ -187,23 +186,21 @@ impl<'a> Renderer<'a> {
             let view = self.view(index);
             self.frames[0].prepare(self.gpu, low, view, terms);
             let bindings = self.bindings(0, index).and(solver.bindings());
-            let mut encoder = self.encoder();
-            let mut pass = encoder.begin_compute_pass(&ComputePassDescriptor::default());
-            if k == 0 {
-                solver.clear(self.gpu, &mut pass, &bindings);
-            }
-            self.frames[0].find_visible(self.gpu, &mut pass, &bindings);
-            self.frames[0].assemble(self.gpu, &mut pass, &bindings);
-            drop(pass);
-            self.gpu.submit(encoder)?;
+            self.submit(|pass| {
+                if k == 0 {
+                    solver.clear(self.gpu, pass, &bindings);
+                }
+                self.frames[0].find_visible(self.gpu, pass, &bindings);
+                self.frames[0].assemble(self.gpu, pass, &bindings);
+            })?;
         }
         if !self.cancellation.is_cancelled() && !self.views.views.is_empty() {
             let bindings = self.bindings(0, 0).and(solver.bindings());
-            let mut encoder = self.encoder();
-            let mut pass = encoder.begin_compute_pass(&ComputePassDescriptor::default());
-            solver.solve(self.gpu, &mut pass, &bindings);
-            drop(pass);
-            let bytes = self.read(encoder, &[solver.solution()])?;
+            self.submit(|pass| solver.begin(self.gpu, pass, &bindings))?;
+            for _ in 0..TextureSolver::PIECES {
+                self.submit(|pass| solver.go_on(self.gpu, pass, &bindings))?;
+            }
+            let bytes = self.read(&[solver.solution()])?;
             solver.take(&bytes, &mut low.texture);
         }
         self.solver = Some(solver);

@@ -11,8 +11,8 @@ use crate::error::GpuError;
 use crate::frame::VECTOR;
 use crate::kernels::{Bindings, Slot, groups};
 
-/// Iterations of the conjugate gradients.
-const ITERATIONS: usize = 30;
+/// Iterations of the conjugate gradients that are sent to the device at once.
+const ITERATIONS: usize = 5;
 /// Texels of a workgroup.
 const PER_GROUP: usize = 256;
 
@@ -24,6 +24,9 @@ pub(crate) struct TextureSolver {
 }
 
 impl TextureSolver {
+    /// Number of pieces of the iteration.
+    pub(crate) const PIECES: usize = 6;
+
     /// For a texture of `size` x `size` texels.
     pub(crate) fn new(gpu: &GpuDevice, size: usize) -> Result<Self, GpuError> {
         let texels = size * size;
@@ -58,13 +61,18 @@ impl TextureSolver {
         gpu.kernels.clear_sums.run(pass, &gpu.device, bindings, groups(self.texels, PER_GROUP));
     }
 
-    /// Solves the equations of all pixels so far. Steps after the last needed one have no length.
-    pub(crate) fn solve(&self, gpu: &GpuDevice, pass: &mut ComputePass<'_>, bindings: &Bindings<'_>) {
+    /// Begins to solve the equations of all pixels so far.
+    pub(crate) fn begin(&self, gpu: &GpuDevice, pass: &mut ComputePass<'_>, bindings: &Bindings<'_>) {
         let (device, kernels, all) = (&gpu.device, &gpu.kernels, groups(self.texels, PER_GROUP));
         kernels.regularise.run(pass, device, bindings, all);
         kernels.begin_descent.run(pass, device, bindings, all);
         kernels.first_energy.run(pass, device, bindings, [1, 1]);
         kernels.turn.run(pass, device, bindings, all);
+    }
+
+    /// One piece of the iteration. Steps after the last needed one have no length.
+    pub(crate) fn go_on(&self, gpu: &GpuDevice, pass: &mut ComputePass<'_>, bindings: &Bindings<'_>) {
+        let (device, kernels, all) = (&gpu.device, &gpu.kernels, groups(self.texels, PER_GROUP));
         for _ in 0..ITERATIONS {
             kernels.multiply.run(pass, device, bindings, all);
             kernels.step_length.run(pass, device, bindings, [1, 1]);

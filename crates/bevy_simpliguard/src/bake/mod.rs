@@ -34,6 +34,7 @@ mod worker;
 
 use std::sync::Arc;
 use std::thread::available_parallelism;
+use std::time::Duration;
 
 use bevy::asset::AssetPlugin;
 use bevy::asset::io::file::FileAssetReader;
@@ -41,14 +42,14 @@ use bevy::asset::io::{AssetSourceBuilders, AssetSourceId};
 use bevy::asset::processor::AssetProcessor;
 use bevy::image::{CompressedImageFormatSupport, CompressedImageFormats, ImageLoader, ImagePlugin};
 use bevy::prelude::*;
-use simpliguard::settings::{self, ProjectSettings};
-use simpliguard_bake::isolation;
+use simpliguard::settings::{self, BackendChoice, ProjectSettings};
+use simpliguard_bake::{Processor, isolation};
 
 pub use events::{BakeFailed, BakeFinished, BakeProgress, BakeStarted};
 pub use processor::{MetaSettings, SimpliguardProcess};
 pub use status::{BakeStatus, Bakes};
 
-use crate::options::{BakeMode, BakeOptions, BakePriority};
+use crate::options::{BakeBackend, BakeMode, BakeOptions, BakePriority};
 use attempts::Attempts;
 use baker::Baker;
 use events::{EventReceiver, deliver};
@@ -58,6 +59,9 @@ use journal::Journal;
 use lock::{NoLog, ProcessorLock};
 use project::Project;
 use worker::Share;
+
+/// Most work of a GPU in a frame of a game that does not wait for its bakes.
+const GPU_TIME: Duration = Duration::from_millis(4);
 
 /// The baker, whose queue is closed when the game ends.
 #[derive(Resource)]
@@ -164,6 +168,7 @@ fn start(options: &BakeOptions, app: &mut App, processor: AssetProcessor, folder
         threads: threads(options, &configured, mode),
         priority: priority(options, &configured, mode),
         isolate: options.isolate.or(configured.isolate).unwrap_or(false),
+        processor: processor_of(options, &configured, mode),
     };
     if let Err(error) = worker::start(&baker, &files, share) {
         error!("no levels are baked: cannot start the threads: {error}");
@@ -219,6 +224,20 @@ fn threads(options: &BakeOptions, configured: &ProjectSettings, mode: BakeMode) 
     let cores = available_parallelism().map_or(1, |n| n.get());
     let free = if mode == BakeMode::Blocking { cores } else { cores - 1 };
     options.threads.or(configured).unwrap_or(free).max(1)
+}
+
+/// The processor that refines levels. A GPU is left to the game for most of each frame, unless it waits.
+fn processor_of(options: &BakeOptions, configured: &ProjectSettings, mode: BakeMode) -> Processor {
+    let chosen = options.backend.map(|backend| match backend {
+        BakeBackend::Auto => BackendChoice::Auto,
+        BakeBackend::Cpu => BackendChoice::Cpu,
+        BakeBackend::Gpu => BackendChoice::Gpu,
+    });
+    let share = (mode == BakeMode::Progressive).then_some(GPU_TIME);
+    Processor {
+        backend: chosen.or(configured.backend).unwrap_or_default(),
+        work_in_a_frame: options.gpu_time.or(configured.gpu_time).or(share),
+    }
 }
 
 /// The folders of the default source, relative to the base of all asset folders.

@@ -9,7 +9,7 @@ use bevy::prelude::*;
 use bevy::tasks::block_on;
 use rayon::{ThreadPool, ThreadPoolBuilder};
 use simpliguard::{Context, Error, PreviewSink, Progress, ProgressSink, Report, Status};
-use simpliguard_bake::{BakeResult, CachedBake, Host, Isolation, Notice, Parts, isolation};
+use simpliguard_bake::{BakeResult, CachedBake, Host, Isolation, Notice, Parts, Processor, isolation};
 use thread_priority::{ThreadPriority, ThreadPriorityValue};
 
 use super::baker::Baker;
@@ -35,11 +35,13 @@ pub(super) struct Share {
     pub(super) priority: BakePriority,
     /// True if each bake runs in a process of its own.
     pub(super) isolate: bool,
+    /// The processor that refines levels.
+    pub(super) processor: Processor,
 }
 
 /// Starts the workers, which end when the queue is closed.
 pub(super) fn start(baker: &Arc<Baker>, files: &Files, share: Share) -> io::Result<()> {
-    let Share { threads, priority, isolate } = share;
+    let Share { threads, priority, isolate, processor } = share;
     let workers = (threads / THREADS_PER_BAKE).clamp(1, MOST_BAKES);
     let isolation = isolate.then(|| Isolation::new(threads / workers)).transpose()?;
     let pool = ThreadPoolBuilder::new()
@@ -51,7 +53,7 @@ pub(super) fn start(baker: &Arc<Baker>, files: &Files, share: Share) -> io::Resu
     let pool = Arc::new(pool);
     for i in 0..workers {
         let (baker, files) = (baker.clone(), files.clone());
-        let worker = Worker { baker, files, pool: pool.clone(), isolation: isolation.clone() };
+        let worker = Worker { baker, files, pool: pool.clone(), isolation: isolation.clone(), processor };
         thread::Builder::new().name(format!("simpliguard bake {i}")).spawn(move || worker.run())?;
     }
     Ok(())
@@ -82,6 +84,7 @@ struct Worker {
     files: Files,
     pool: Arc<ThreadPool>,
     isolation: Option<Isolation>,
+    processor: Processor,
 }
 
 /// The reason why a job has no result.
@@ -130,7 +133,7 @@ impl Worker {
         let files = block_on(SourceFiles::read(&self.files, &path)).map_err(unreadable)?;
         let (settings, cache) = (in_flight.job.request.settings.clone(), in_flight.job.request.cache.clone());
         let bake = CachedBake::new(files.source(), &settings, Parts::Combined, cache.as_deref())?;
-        let bake = bake.isolated(self.isolation.as_ref());
+        let bake = bake.isolated(self.isolation.as_ref()).on(self.processor);
         if bake.key() != in_flight.job.request.key {
             if !self.baker.queue.rekey(in_flight, bake.key()) {
                 return Err(Stop::Superseded);

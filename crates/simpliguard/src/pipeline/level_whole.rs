@@ -109,7 +109,8 @@ impl WholeLevel {
         }
         if first > 0 {
             self.texels = TexelMap::new(&self.atlas, self.texels.size);
-            let known: Vec<bool> = self.samples.iter().map(Option::is_some).collect();
+            // What shows nothing has no colour of its own: black there would be filtered into the edges of what shows.
+            let known: Vec<bool> = self.samples.iter().map(texture::shows).collect();
             fill_unknown(&mut self.colors, &known, self.texels.size);
         }
     }

@@ -30,7 +30,7 @@ pub const STAGES: [Stage; 10] = [
     per_level(StageId::Skinning, 1, 3, "influences from the source's skeleton"),
     per_level(StageId::Texture, 1, 4, "initial texture baked from the source"),
     per_level(StageId::Refine, 2, 48, "differentiable rendering of vertices and texture"),
-    per_level(StageId::Maps, 2, 10, "texture set on the final vertices"),
+    per_level(StageId::Maps, 3, 10, "texture set on the final vertices"),
     once(StageId::Export, 2, 2, "source and levels as one binary glTF"),
 ];
 

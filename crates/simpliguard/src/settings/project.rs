@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 use std::num::NonZeroU32;
+use std::time::Duration;
 
 use bytesize::ByteSize;
 use globset::GlobMatcher;
@@ -52,6 +53,8 @@ pub struct ProjectSettings {
     pub priority: Option<BakePriority>,
     /// True if a game bakes in processes of their own.
     pub isolate: Option<bool>,
+    /// Most work of a GPU in each frame of a game that bakes.
+    pub gpu_time: Option<Duration>,
     /// The processor that refines levels.
     pub backend: Option<BackendChoice>,
 }
@@ -179,6 +182,21 @@ struct PluginContents {
     priority: Option<BakePriority>,
     #[serde(with = "serde_with::rust::unwrap_or_skip")]
     isolate: Option<bool>,
+    #[serde(deserialize_with = "milliseconds")]
+    gpu_ms_per_frame: Option<Duration>,
+}
+
+/// Least time of a GPU in a frame, in milliseconds. With less, a bake would take hours.
+const LEAST_GPU_MS: f32 = 0.1;
+/// Most time of a GPU in a frame, in milliseconds.
+const MOST_GPU_MS: f32 = 1000.0;
+
+fn milliseconds<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<Duration>, D::Error> {
+    let ms = f32::deserialize(deserializer)?;
+    if (LEAST_GPU_MS..=MOST_GPU_MS).contains(&ms) {
+        return Ok(Some(Duration::from_secs_f32(ms / 1000.0)));
+    }
+    Err(D::Error::custom(format!("gpu_ms_per_frame: expected {LEAST_GPU_MS} to {MOST_GPU_MS}")))
 }
 
 impl ProjectFile {
@@ -191,8 +209,8 @@ impl ProjectFile {
     /// If the text is malformed, or names a field or a value that does not exist.
     pub fn parse(text: &str, file: &str) -> Result<Self, Error> {
         let Contents { defaults, rules, profiles, cache, plugin, backend } = parse(text, file)?;
-        let PluginContents { mode, threads, priority, isolate } = plugin;
-        let project = ProjectSettings { cache, mode, threads, priority, isolate, backend };
+        let PluginContents { mode, threads, priority, isolate, gpu_ms_per_frame: gpu_time } = plugin;
+        let project = ProjectSettings { cache, mode, threads, priority, isolate, gpu_time, backend };
         Ok(Self { file: file.to_owned(), defaults, rules, profiles, project })
     }
 
@@ -236,7 +254,7 @@ mod tests {
         ],
         profiles: {"vr": (quality: Best)},
         cache: (dir: "../cache", max_size: "1.5 GiB", shared: "s3://levels", shared_read_only: true),
-        plugin: (mode: Blocking, threads: 3, priority: Low, isolate: true),
+        plugin: (mode: Blocking, threads: 3, priority: Low, isolate: true, gpu_ms_per_frame: 2.5),
         backend: Gpu,
     )"#;
 
@@ -260,6 +278,7 @@ mod tests {
         assert_eq!((file.project.mode, file.project.threads), (Some(BakeMode::Blocking), NonZeroU32::new(3)));
         assert_eq!((file.project.priority, file.project.isolate), (Some(BakePriority::Low), Some(true)));
         assert_eq!(file.project.backend, Some(BackendChoice::Gpu));
+        assert_eq!(file.project.gpu_time, Some(Duration::from_micros(2500)));
     }
 
     #[test]
@@ -289,6 +308,10 @@ mod tests {
             "settings: p.ron:2:12: unknown value 'Lowset'; did you mean 'Lowest'?"
         );
         assert!(message("(rules: [\n(glob: \"[\", settings: ())])").starts_with("settings: p.ron:2:"));
+        assert_eq!(
+            message("(plugin: (\n gpu_ms_per_frame: 0))"),
+            "settings: p.ron:2:20: gpu_ms_per_frame: expected 0.1 to 1000"
+        );
         let nested = format!("(rules: [\n(glob: \"{}a,b{}\", settings: ())])", "{".repeat(260), "}".repeat(260));
         assert!(message(&nested).contains("glob: it is too complex"));
     }

@@ -189,6 +189,22 @@ fn equal_emission_everywhere_is_a_factor() {
 }
 
 #[test]
+fn what_is_clear_takes_its_material_from_what_shows() {
+    let shown = Material { roughness: 0.5, ..plain() };
+    let model = source([plain(), shown], Vec::new());
+    let mut samples = samples(&model);
+    for sample in samples.iter_mut().flatten().filter(|sample| sample.roughness == 1.0) {
+        sample.color = Vec4::ZERO;
+    }
+    let texels = TexelMap::new(&level().1, SIZE);
+    let channels = Channels { alpha: true, ..Channels::default() };
+    let (textures, statistics) = pbr_maps(&level_mesh(), &texels, &samples, &[Vec4::ONE; SIZE * SIZE], channels);
+    assert_eq!((textures.occlusion_roughness_metallic, statistics.roughness), (None, 0.5));
+    let image = textures.base_color.expect("its alpha varies");
+    assert_eq!([10, 50].map(|x| image.get_pixel(x, 30).0[3]), [0, 255]);
+}
+
+#[test]
 fn what_does_nothing_but_emit_light_is_fitted_by_its_light() {
     let black = Vec4::new(0.0, 0.0, 0.0, 1.0);
     let glowing = Material { base_color: black, emissive: Vec3::new(0.5, 0.0, 0.0), ..plain() };

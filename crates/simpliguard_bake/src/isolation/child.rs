@@ -61,7 +61,7 @@ fn bake(request: &Request, draw: DrawSheet<'_>, pool: ThreadPool) -> Result<Bake
     };
     let cache = request.cache();
     let bake = CachedBake::new(request.source(), &request.settings, parts, cache.as_ref())?;
-    let bake = bake.on(request.header.backend);
+    let bake = bake.on(request.header.processor);
     let host = ChildHost { request, pool, previews: AtomicUsize::new(0) };
     let preview = request.header.preview.then_some(&host as &dyn PreviewSink);
     let context = Context { progress: Some(&host), preview, memory: request.header.memory, ..Context::default() };

@@ -8,12 +8,13 @@ use std::sync::mpsc::{self, Receiver, RecvTimeoutError};
 use std::thread;
 use std::time::{Duration, Instant};
 
-use simpliguard::settings::{BackendChoice, BakeSettings};
+use simpliguard::settings::BakeSettings;
 use simpliguard::{Context, Error, Progress, Source, StageId};
 use simpliguard_cache::Cache;
 
 use super::messages::{CHILD_VAR, Message};
 use super::request::{self, Terms, Wanted};
+use crate::device::Processor;
 use crate::host::{Host, Notice};
 use crate::result::{BakeResult, Parts};
 
@@ -62,7 +63,7 @@ impl Isolation {
     pub(crate) fn bake(
         &self,
         bake: (&Source<'_>, &BakeSettings, Option<&Cache>),
-        terms: (Parts<'_>, BackendChoice),
+        terms: (Parts<'_>, Processor),
         (context, host): (&Context<'_>, &impl Host),
     ) -> Result<Option<BakeResult>, Error> {
         match self.try_bake(bake, terms, (context, host)) {
@@ -78,7 +79,7 @@ impl Isolation {
     fn try_bake(
         &self,
         (source, settings, cache): (&Source<'_>, &BakeSettings, Option<&Cache>),
-        (parts, backend): (Parts<'_>, BackendChoice),
+        (parts, processor): (Parts<'_>, Processor),
         (context, host): (&Context<'_>, &impl Host),
     ) -> Result<BakeResult, Stop> {
         let folder = tempfile::Builder::new().prefix("simpliguard-").tempdir().map_err(Stop::NoChild)?;
@@ -92,7 +93,7 @@ impl Isolation {
             },
             preview: context.preview.is_some(),
             memory: context.memory,
-            backend,
+            processor,
             threads: self.threads,
             folder: folder.path().to_owned(),
         };

@@ -7,9 +7,11 @@ use std::path::PathBuf;
 use bytes::Bytes;
 use serde::{Deserialize, Serialize};
 use simpliguard::gltf::external_uris;
-use simpliguard::settings::{BackendChoice, BakeSettings};
+use simpliguard::settings::BakeSettings;
 use simpliguard::{RelativeUri, Resources, Source};
 use simpliguard_cache::Cache;
+
+use crate::device::Processor;
 
 /// The parts of a result that a child makes.
 #[derive(Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -29,7 +31,7 @@ pub(super) struct Header {
     pub(super) preview: bool,
     /// Bytes that the bake may take.
     pub(super) memory: Option<u64>,
-    pub(super) backend: BackendChoice,
+    pub(super) processor: Processor,
     pub(super) threads: usize,
     /// Folder for the parts of the result.
     pub(super) folder: PathBuf,
@@ -46,7 +48,7 @@ pub(super) struct Terms {
     pub(super) wanted: Wanted,
     pub(super) preview: bool,
     pub(super) memory: Option<u64>,
-    pub(super) backend: BackendChoice,
+    pub(super) processor: Processor,
     pub(super) threads: usize,
     pub(super) folder: PathBuf,
 }
@@ -81,14 +83,14 @@ pub(super) fn write(
     let length = |(uri, read): &(&str, Result<Bytes, String>)| {
         ((*uri).to_owned(), read.as_ref().map(Bytes::len).map_err(Clone::clone))
     };
-    let Terms { wanted, preview, memory, backend, threads, folder } = terms;
+    let Terms { wanted, preview, memory, processor, threads, folder } = terms;
     let header = Header {
         name: source.name.to_owned(),
         settings: settings.to_ron(),
         wanted,
         preview,
         memory,
-        backend,
+        processor,
         threads,
         folder,
         cache: cache.map(|cache| (cache.root().to_owned(), cache.max_size())),

@@ -13,6 +13,7 @@ use super::messages::Message;
 use super::request::{self, Request, Terms, Wanted};
 use super::{Isolation, is_child, serve};
 use crate::cached::{CachedBake, Outcome};
+use crate::device::Processor;
 use crate::host::{Host, Notice};
 use crate::result::Parts;
 
@@ -138,8 +139,9 @@ fn a_request_arrives_as_it_was_sent() {
     let source = Source { name: "a.gltf", bytes: model, resources: &Beside };
     let settings = BakeSettings { faces: vec![70, 90], ..BakeSettings::preset(Quality::Draft) };
     let folder = PathBuf::from("folder");
-    let (wanted, backend) = (Wanted::Sheet, BackendChoice::Gpu);
-    let terms = Terms { wanted, preview: true, memory: Some(5), backend, threads: 3, folder: folder.clone() };
+    let processor = Processor { backend: BackendChoice::Gpu, work_in_a_frame: Some(Duration::from_micros(2500)) };
+    let terms =
+        Terms { wanted: Wanted::Sheet, preview: true, memory: Some(5), processor, threads: 3, folder: folder.clone() };
     let mut bytes = Vec::new();
     request::write(&mut bytes, &source, &settings, None, terms).expect("is written");
 
@@ -151,7 +153,7 @@ fn a_request_arrives_as_it_was_sent() {
     assert!(read("d.bin").is_err() && request.cache().is_none());
     assert_eq!((&request.settings, request.header.memory, request.header.threads), (&settings, Some(5), 3));
     assert!(request.header.wanted == Wanted::Sheet && request.header.preview && request.header.folder == folder);
-    assert_eq!(request.header.backend, backend);
+    assert_eq!(request.header.processor, processor);
     for end in [0, 10, bytes.len() - 1] {
         assert!(Request::read(&mut &bytes[..end]).is_err(), "{end} bytes were enough");
     }

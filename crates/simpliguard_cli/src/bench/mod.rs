@@ -84,7 +84,7 @@ fn bench(source: &Source<'_>, settings: &BakeSettings, args: &BenchArgs) -> Resu
     let surface = import(source, &ImportLimits::default())?.surface;
     let all = std::thread::available_parallelism().map_or(1, NonZeroUsize::get);
     let threads = if args.threads.is_empty() { vec![all] } else { args.threads.iter().map(|n| n.get()).collect() };
-    let device = find_device(args.backend, |notice| console::warning(&notice.to_string()));
+    let device = find_device(args.backend.into(), |notice| console::warning(&notice.to_string()));
     let mut runs = Vec::new();
     for threads in threads {
         console::line(&format!("baking {} with {threads} threads", Printable(source.name)));

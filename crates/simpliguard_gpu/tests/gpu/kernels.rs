@@ -184,7 +184,7 @@ fn a_lost_device_is_an_error_at_every_point() {
     let low = ball(8);
     let views = views(&pair(&low), 4);
     let (cancellation, terms) = (Cancellation::default(), LossTerms { background: 1.0, gradient_weight: 0.5 });
-    for submissions in 0..4 {
+    for submissions in (0..20).step_by(3) {
         let Some(gpu) = found(Gpu::open(Choice::AlsoSoftware)) else { return };
         gpu.lose_after(submissions);
         let run = || {

@@ -322,7 +322,7 @@ mod tests {
         ];
         assert_eq!(
             (PIPELINE_VERSION, keys.map(|key| key.hex()[..16].to_owned())),
-            ("25", ["d9b3dd7908b2735f", "4d144b6462cbbf89"].map(str::to_owned))
+            ("26", ["089596167834ffce", "0c077925ddaabb0a"].map(str::to_owned))
         );
     }
 }
