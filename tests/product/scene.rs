@@ -145,7 +145,7 @@ impl Scene {
     }
 }
 
-fn without_window() -> PluginGroupBuilder {
+pub(crate) fn without_window() -> PluginGroupBuilder {
     let window = WindowPlugin { primary_window: None, exit_condition: ExitCondition::DontExit, ..default() };
     DefaultPlugins.set(window).disable::<WinitPlugin>()
 }

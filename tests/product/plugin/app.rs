@@ -1,4 +1,4 @@
-//! The game that the tests start: no window, no renderer, every model of the asset folder loaded and spawned.
+//! The game that the tests start: no window, a renderer only where something is to be drawn, every model of the asset folder loaded and spawned.
 
 #![expect(clippy::print_stdout, reason = "reports to the test that started it")]
 
@@ -25,12 +25,13 @@ use bevy::prelude::*;
 use bevy::tasks::ComputeTaskPool;
 use bevy::world_serialization::{WorldAssetRoot, WorldInstanceReady, WorldSerializationPlugin};
 use bevy_simpliguard::{
-    BakeFailed, BakeFinished, BakeMode, BakePriority, BakeProgress, BakeStarted, BakeStatus, Bakes, SimpliguardPlugin,
-    SourceStats,
+    BakeBackend, BakeFailed, BakeFinished, BakeMode, BakePriority, BakeProgress, BakeStarted, BakeStatus, Bakes,
+    SimpliguardPlugin, SourceStats,
 };
 use serde::Deserialize;
 use serde_json::{Value, json};
 
+use super::drawing::{self, Drawing};
 use super::model::png;
 use super::project::files_below;
 use super::scenes;
@@ -39,6 +40,8 @@ use super::scenes;
 pub(super) const NAME: &str = "plugin::app::game";
 /// The variable with the options.
 pub(super) const OPTIONS: &str = "SIMPLIGUARD_TEST_GAME";
+/// What the game logs.
+pub(super) const LOG: &str = "info,bevy_asset=debug,bevy_simpliguard=debug";
 /// In front of every report.
 pub(super) const REPORT: &str = "@ ";
 
@@ -56,6 +59,11 @@ pub(super) struct Options {
     blacken_pictures: bool,
     scene: Option<Scene>,
     work: Option<Work>,
+    drawing: Option<Drawing>,
+    /// Bakes on the GPU.
+    gpu: bool,
+    /// Most milliseconds of the GPU for bakes in a frame.
+    gpu_ms: Option<f64>,
 }
 
 /// Tests run beside others: what stands back behind those may wait for long.
@@ -110,6 +118,8 @@ fn game() {
             mode: options.blocking.then_some(BakeMode::Blocking),
             threads: options.threads,
             isolate: Some(options.isolate),
+            backend: options.gpu.then_some(BakeBackend::Gpu),
+            gpu_time: options.gpu_ms.map(|ms| Duration::from_secs_f64(ms / 1000.0)),
             priority: Some(match options.priority {
                 Priority::Lowest => BakePriority::Lowest,
                 Priority::Low => BakePriority::Low,
@@ -120,18 +130,11 @@ fn game() {
         .add_systems(Update, report_bakes);
     }
     let frame = options.work.map_or(Duration::from_millis(4), |work| Duration::from_secs_f64(work.frame / 1000.0));
-    app.add_plugins((
-        MinimalPlugins.set(ScheduleRunnerPlugin::run_loop(frame)).set(one_io_thread()),
-        LogPlugin { filter: "info,bevy_asset=debug,bevy_simpliguard=debug".into(), ..default() },
-        AssetPlugin { mode: AssetMode::Processed, ..default() },
-        TransformPlugin,
-        ImagePlugin::default(),
-        MeshPlugin,
-        CameraPlugin,
-        WorldSerializationPlugin,
-        GltfPlugin::default(),
-        AnimationPlugin,
-    ));
+    let runner = ScheduleRunnerPlugin::run_loop(frame);
+    match options.drawing {
+        Some(drawing) => drawing::add(&mut app, drawing, runner),
+        None => add_plugins_without_renderer(&mut app, runner),
+    }
     if options.blacken_pictures {
         app.register_asset_processor(Blacken).set_default_asset_processor::<Blacken>("png");
     }
@@ -156,6 +159,21 @@ fn game() {
     assert!(app.run().is_success());
 }
 
+fn add_plugins_without_renderer(app: &mut App, runner: ScheduleRunnerPlugin) {
+    app.add_plugins((
+        MinimalPlugins.set(runner).set(one_io_thread()),
+        LogPlugin { filter: LOG.into(), ..default() },
+        AssetPlugin { mode: AssetMode::Processed, ..default() },
+        TransformPlugin,
+        ImagePlugin::default(),
+        MeshPlugin,
+        CameraPlugin,
+        WorldSerializationPlugin,
+        GltfPlugin::default(),
+        AnimationPlugin,
+    ));
+}
+
 /// Stands for whatever a game does with its pictures.
 #[derive(TypePath)]
 struct Blacken;
@@ -177,7 +195,7 @@ impl Process for Blacken {
 }
 
 /// What waits for something in Bevy's processor holds everything up then, as on any machine of two cores.
-fn one_io_thread() -> TaskPoolPlugin {
+pub(super) fn one_io_thread() -> TaskPoolPlugin {
     let one = TaskPoolThreadAssignmentPolicy {
         min_threads: 1,
         max_threads: 1,

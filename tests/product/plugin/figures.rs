@@ -163,6 +163,47 @@ fn figures_outdated_bakes() {
     }
 }
 
+/// Shortest frame in milliseconds.
+const FRAME: f64 = 16.7;
+/// Time of the GPU in a frame of the game alone, in milliseconds, at least.
+const DRAWING: f64 = 4.0;
+
+/// Frame times of a game that draws, and of its bake.
+fn frames_of_drawing(balls: u32, frame: f64, options: &str) -> (f64, String) {
+    let project = Project::new();
+    project.save("config/simpliguard.ron", "()");
+    let is_plain = options.contains("plain");
+    if !is_plain {
+        project.save("assets/octopus.glb", include_bytes!("../../../assets/octopus.glb"));
+    }
+    let drawing = format!("drawing: Some((balls: {balls})), work: Some((milliseconds: 0, frame: {frame}))");
+    let mut game = project.run_with(&format!("{drawing}, {options}"));
+    if is_plain {
+        game.listen(Duration::from_secs(4));
+    } else {
+        game.wait_for("finished", "octopus.glb");
+    }
+    let bake = game.reported("finished").map_or(0.0, |report| report["seconds"].as_f64().expect("seconds"));
+    let times = &game.quit()[if is_plain { "alone" } else { "baking" }];
+    // Without an end of the start there are no figures.
+    let ms = |what: &str| times[what].as_f64().unwrap_or(f64::INFINITY);
+    let (mean, most, worst) = (ms("mean"), ms("p95"), ms("worst"));
+    (mean, format!("mean {mean:.1} ms, 95 % {most:.1} ms, longest {worst:.0} ms; bake of {bake:.1} s"))
+}
+
+#[test]
+#[ignore = "a figure; needs a GPU"]
+fn figures_frame_times_beside_a_bake_on_the_gpu() {
+    let mut balls = 30;
+    while frames_of_drawing(balls, 0.0, "plain: true").0 < DRAWING && balls < 100_000 {
+        balls *= 2;
+    }
+    for options in ["plain: true", "gpu: false", "gpu: true, gpu_ms: Some(1000)", "gpu: true"] {
+        let times = frames_of_drawing(balls, FRAME, options).1;
+        println!("{balls} balls, {options:<30}: {times}");
+    }
+}
+
 /// Frame times of a game that works on both of two cores for 8 ms a frame, and how far its bake came.
 fn frame_times(frame: f64, options: &str) {
     let project = Project::new();

@@ -3,6 +3,7 @@
 mod app;
 mod bakes;
 mod cache;
+mod drawing;
 mod figures;
 mod many;
 mod model;
