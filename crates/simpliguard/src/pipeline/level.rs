@@ -34,6 +34,8 @@ const CLEARLY_BETTER: f32 = 0.5;
 /// PSNR in dB with the vertices as given from which on they may be better left there. The views that move them are antialiased
 /// in another way than those of the level: beyond this, some steps fit that difference.
 const NEAR: f32 = 40.0;
+/// Gain of moved vertices in dB that no other way of antialiasing takes away.
+const SURE_GAIN: f32 = 0.55;
 /// Difference in dB from which on a level looks less like its source than another.
 const LESS_LIKE: f32 = 0.1;
 
@@ -162,8 +164,9 @@ impl LevelTask<'_> {
 
     /// The vertices were moved although the level looked much like its source before.
     fn may_be_better_unmoved(&self, Vertices { low, refined, .. }: &Vertices) -> bool {
-        let is_near = refined.is_some_and(|refined| refined.psnr_texture >= NEAR);
-        is_near && self.all.pictures.is_some() && low.positions != self.shape.mesh.positions
+        let is_doubtful =
+            |refined: Refined| refined.psnr_texture >= NEAR && refined.psnr < refined.psnr_texture + SURE_GAIN;
+        refined.is_some_and(is_doubtful) && self.all.pictures.is_some() && low.positions != self.shape.mesh.positions
     }
 
     /// The level and its report, once its vertices are final.

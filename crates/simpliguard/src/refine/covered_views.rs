@@ -1,3 +1,5 @@
+use rayon::prelude::*;
+
 use crate::render::{Image, Rect, View};
 
 /// Views with the pixels that the source covers in each.
@@ -18,7 +20,7 @@ const ALIASED_PIXEL_WEIGHT: f32 = 0.25;
 impl<'a> CoveredViews<'a> {
     /// Antialiased views.
     pub fn new(views: Vec<&'a View>) -> Self {
-        let rects = views.iter().map(|view| covered_rect(&view.image)).collect();
+        let rects = views.par_iter().map(|view| covered_rect(&view.image)).collect();
         Self { views, rects, aliased: false }
     }
 
