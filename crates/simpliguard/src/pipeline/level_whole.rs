@@ -110,7 +110,8 @@ impl WholeLevel {
         if first > 0 {
             self.texels = TexelMap::new(&self.atlas, self.texels.size);
             // What shows nothing has no colour of its own: black there would be filtered into the edges of what shows.
-            let known: Vec<bool> = self.samples.iter().map(texture::shows).collect();
+            let known: Vec<bool> =
+                self.samples.iter().map(|s| s.as_ref().is_some_and(SurfaceSample::is_seen)).collect();
             fill_unknown(&mut self.colors, &known, self.texels.size);
         }
     }

@@ -23,6 +23,13 @@ pub struct SurfaceSample {
     pub emissive: Vec3,
 }
 
+impl SurfaceSample {
+    /// The point is not fully clear.
+    pub fn is_seen(&self) -> bool {
+        self.color.w > 0.0
+    }
+}
+
 /// Samples a model's surface by triangle and barycentric coordinates.
 pub struct SurfaceSampler<'a> {
     model: &'a Model,

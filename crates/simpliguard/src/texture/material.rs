@@ -2,7 +2,6 @@
 
 use glam::{Vec3, Vec4};
 
-use super::pbr_maps::shows;
 use crate::data::{AlphaMode, LevelMaterial};
 use crate::render::SurfaceSample;
 
@@ -36,7 +35,7 @@ impl MaterialStatistics {
     pub(super) fn of(samples: &[Option<SurfaceSample>], alpha: bool) -> Self {
         let (mut low, mut high, mut sum, mut count) = (Vec3::MAX, Vec3::MIN, Vec3::ZERO, 0.0);
         let mut emissive = Vec3::ZERO;
-        for s in samples.iter().filter(|sample| shows(sample)).flatten() {
+        for s in samples.iter().flatten().filter(|sample| sample.is_seen()) {
             let v = Vec3::new(s.occlusion, s.roughness, s.metallic);
             (low, high, sum, count) = (low.min(v), high.max(v), sum + v, count + 1.0);
             emissive = emissive.max(s.emissive);

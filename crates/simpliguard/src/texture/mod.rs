@@ -24,7 +24,7 @@ pub use bake::{BakeTarget, Baker};
 pub use corner_normals::corner_normals;
 pub use level_mesh::level_mesh;
 pub use material::{MaterialStatistics, level_material};
-pub use pbr_maps::{Channels, pbr_maps, shows};
+pub use pbr_maps::{Channels, pbr_maps};
 pub use projection::Projection;
 pub use tangents::tangents;
 pub use texel_map::{Texel, TexelMap};

@@ -63,9 +63,8 @@ pub fn pbr_maps(
     (textures, statistics)
 }
 
-/// A texel of `sample` is seen: its alpha is above zero.
-pub fn shows(sample: &Option<SurfaceSample>) -> bool {
-    sample.as_ref().is_some_and(|sample| sample.color.w > 0.0)
+fn is_seen(sample: &Option<SurfaceSample>) -> bool {
+    sample.as_ref().is_some_and(SurfaceSample::is_seen)
 }
 
 /// A normal map says nothing but the normals of the mesh, but for the rounding of a byte.
@@ -89,7 +88,7 @@ impl Painter<'_> {
     /// The refined texture, black where the source glows, with its alpha if wanted.
     fn base_color(&self, colors: &[Vec4], glows: bool, alpha: bool) -> RgbaImage {
         let alpha = alpha.then(|| self.paint(Option::is_some, |_, s| Vec4::splat(s.color.w)));
-        let reflected = glows.then(|| self.paint(shows, |i, s| if s.glows { Vec4::ZERO } else { colors[i] }));
+        let reflected = glows.then(|| self.paint(is_seen, |i, s| if s.glows { Vec4::ZERO } else { colors[i] }));
         let base_color = reflected.as_deref().unwrap_or(colors);
         RgbaImage::from_fn(self.size as u32, self.size as u32, |x, y| {
             let i = y as usize * self.size + x as usize;
@@ -99,7 +98,7 @@ impl Painter<'_> {
     }
 
     fn rgb(&self, value: impl Fn(usize, &SurfaceSample) -> Vec3) -> RgbImage {
-        let texels = self.paint(shows, |i, s| value(i, s).extend(1.0));
+        let texels = self.paint(is_seen, |i, s| value(i, s).extend(1.0));
         RgbImage::from_fn(self.size as u32, self.size as u32, |x, y| {
             let texel = texels[y as usize * self.size + x as usize];
             Rgb(texel.xyz().to_array().map(to_byte))
