@@ -53,7 +53,7 @@ pub struct SimpliguardPlugin {
     pub backend: Option<BakeBackend>,
     /// Most work of a GPU for bakes in each frame, that is, in each sixtieth of a second. Overrides
     /// `plugin.gpu_ms_per_frame` of `config/simpliguard.ron`. By default 4 milliseconds, and no limit in
-    /// [`BakeMode::Blocking`].
+    /// [`BakeMode::Blocking`]; a tenth of a millisecond at least.
     pub gpu_time: Option<Duration>,
 }
 

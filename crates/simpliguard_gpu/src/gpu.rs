@@ -34,7 +34,7 @@ impl Gpu {
 
     /// Limits the work of the device in each sixtieth of a second, for a game that draws with the same GPU. Work is sent
     /// in pieces of a view or of a few iterations, one after another, with pauses between them. `None`, as at first, is no
-    /// limit. The result is the same.
+    /// limit, and the least limit is a tenth of a millisecond. The result is the same.
     pub fn limit_work(&self, in_a_frame: Option<Duration>) {
         self.0.pace.set_limit(in_a_frame);
     }

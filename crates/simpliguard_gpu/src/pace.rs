@@ -7,6 +7,8 @@ use crate::error::GpuError;
 
 /// The length of a frame.
 const FRAME: Duration = Duration::from_micros(16_667);
+/// Least work in a frame. With less, a bake would take hours.
+const LEAST: Duration = Duration::from_micros(100);
 
 /// The work of all threads of a program on one device, one submission after another where it is limited.
 #[derive(Default)]
@@ -23,9 +25,9 @@ struct Frame {
 }
 
 impl Pace {
-    /// Limits the work in each frame, or lifts the limit.
+    /// Limits the work in each frame, to a tenth of a millisecond at least, or lifts the limit.
     pub(crate) fn set_limit(&self, limit: Option<Duration>) {
-        self.lock().limit = limit;
+        self.lock().limit = limit.map(|limit| limit.max(LEAST));
     }
 
     /// Submits work with `submit`. With a limit, waits until the frame has time left for it, and until it is done: by
@@ -60,9 +62,8 @@ impl Frame {
         if self.work < limit {
             return Duration::ZERO;
         }
-        let shares = self.work.as_secs_f64() / limit.as_secs_f64().max(f64::MIN_POSITIVE);
-        let end = Duration::try_from_secs_f64(shares * FRAME.as_secs_f64()).unwrap_or(Duration::MAX);
-        end.saturating_sub(now.duration_since(start))
+        let frames = self.work.div_duration_f64(limit);
+        FRAME.mul_f64(frames).saturating_sub(now.duration_since(start))
     }
 
     /// Counts work, in the next frame if this one is over or full.
@@ -107,6 +108,14 @@ mod tests {
     fn work_that_is_too_long_is_followed_by_as_many_frames() {
         // Twelve milliseconds are the work of three frames of four.
         assert_eq!(pauses(Some(4 * MS), &[12, 4, 4]), [0, 38, 13]);
+    }
+
+    #[test]
+    fn no_time_at_all_is_a_tenth_of_a_millisecond() {
+        let pace = Pace::default();
+        pace.set_limit(Some(Duration::ZERO));
+        let limit = pace.lock().limit;
+        assert_eq!((limit, pauses(limit, &[1, 1])), (Some(MS / 10), vec![0, 166]));
     }
 
     #[test]
