@@ -1,4 +1,5 @@
-//! The game that the tests start: no window, a renderer only where something is to be drawn, every model of the asset folder loaded and spawned.
+//! The game that the tests start: no window, a renderer only where something is to be drawn, every model of the asset folder
+//! loaded and spawned.
 
 #![expect(clippy::print_stdout, reason = "reports to the test that started it")]
 

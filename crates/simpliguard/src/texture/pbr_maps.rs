@@ -63,10 +63,6 @@ pub fn pbr_maps(
     (textures, statistics)
 }
 
-fn is_seen(sample: &Option<SurfaceSample>) -> bool {
-    sample.as_ref().is_some_and(SurfaceSample::is_seen)
-}
-
 /// A normal map says nothing but the normals of the mesh, but for the rounding of a byte.
 fn is_flat(image: &RgbImage) -> bool {
     image.pixels().all(|pixel| pixel.0.iter().zip(FLAT).all(|(a, b)| a.abs_diff(b) <= 1))
@@ -87,8 +83,9 @@ struct Painter<'a> {
 impl Painter<'_> {
     /// The refined texture, black where the source glows, with its alpha if wanted.
     fn base_color(&self, colors: &[Vec4], glows: bool, alpha: bool) -> RgbaImage {
-        let alpha = alpha.then(|| self.paint(Option::is_some, |_, s| Vec4::splat(s.color.w)));
-        let reflected = glows.then(|| self.paint(is_seen, |i, s| if s.glows { Vec4::ZERO } else { colors[i] }));
+        let alpha = alpha.then(|| self.paint(|_| true, |_, s| Vec4::splat(s.color.w)));
+        let reflected =
+            glows.then(|| self.paint(SurfaceSample::is_seen, |i, s| if s.glows { Vec4::ZERO } else { colors[i] }));
         let base_color = reflected.as_deref().unwrap_or(colors);
         RgbaImage::from_fn(self.size as u32, self.size as u32, |x, y| {
             let i = y as usize * self.size + x as usize;
@@ -98,20 +95,20 @@ impl Painter<'_> {
     }
 
     fn rgb(&self, value: impl Fn(usize, &SurfaceSample) -> Vec3) -> RgbImage {
-        let texels = self.paint(is_seen, |i, s| value(i, s).extend(1.0));
+        let texels = self.paint(SurfaceSample::is_seen, |i, s| value(i, s).extend(1.0));
         RgbImage::from_fn(self.size as u32, self.size as u32, |x, y| {
             let texel = texels[y as usize * self.size + x as usize];
             Rgb(texel.xyz().to_array().map(to_byte))
         })
     }
 
-    /// `value` of each `known` texel by its index and sample; the others are filled from them.
+    /// `value` of each texel whose sample is `known`, by its index and sample; the others are filled from them.
     fn paint(
         &self,
-        known: impl Fn(&Option<SurfaceSample>) -> bool,
+        known: impl Fn(&SurfaceSample) -> bool,
         value: impl Fn(usize, &SurfaceSample) -> Vec4,
     ) -> Vec<Vec4> {
-        let known: Vec<bool> = self.samples.iter().map(known).collect();
+        let known: Vec<bool> = self.samples.iter().map(|s| s.as_ref().is_some_and(&known)).collect();
         let mut out: Vec<Vec4> =
             self.samples.iter().enumerate().map(|(i, s)| s.as_ref().map_or(Vec4::ZERO, |s| value(i, s))).collect();
         fill_unknown(&mut out, &known, self.size);
