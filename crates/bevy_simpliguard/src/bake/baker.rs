@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
 
 use bevy::asset::AssetPath;
 use bevy::asset::io::AssetSourceId;
@@ -16,7 +17,7 @@ use simpliguard_cache::Cache;
 
 use super::activity::ProcessorActivity;
 use super::attempts::Attempts;
-use super::events::{BakeFailed, Event};
+use super::events::{BakeFailed, BakeFinished, Event};
 use super::input::Input;
 use super::journal::Journal;
 use super::project::Project;
@@ -58,8 +59,14 @@ impl Baker {
             self.tell(Event::Desired { path: path.clone(), key: request.key, is_cached: missing.is_empty() });
             let processed = processed_file(&self.journal, path, &request.settings, found.combined);
             if missing.is_empty() {
-                self.queue.forget(path);
+                // A bake that was asked for these levels before is not needed any more, but the game waits for its end.
+                let is_awaited = self.queue.forget(path) == Some(request.key);
                 self.settle(&request);
+                if is_awaited {
+                    let (path, duration) = (path.clone(), Duration::ZERO);
+                    let finished = BakeFinished { path, report: found.report, duration };
+                    self.tell(Event::Finished(request.key, finished));
+                }
             } else {
                 self.queue.push(Job::when_there(request, blake3::hash(&processed), missing));
             }

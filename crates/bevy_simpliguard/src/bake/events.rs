@@ -34,7 +34,8 @@ pub struct BakeFinished {
     pub path: AssetPath<'static>,
     /// The report of the bake.
     pub report: Report,
-    /// Time since the start of the bake. Zero if another process has baked the model meanwhile.
+    /// Time since the start of the bake. Zero if another process has baked the model meanwhile, or if Bevy has processed it
+    /// once more.
     pub duration: Duration,
 }
 

@@ -128,12 +128,12 @@ impl Queue {
         self.changed.notify_all();
     }
 
-    /// Drops and cancels all bakes of a model.
-    pub(super) fn forget(&self, path: &AssetPath<'static>) {
+    /// Drops and cancels all bakes of a model. Returns the key of the levels that were desired and are not in place yet.
+    pub(super) fn forget(&self, path: &AssetPath<'static>) -> Option<Key> {
         let mut state = self.lock();
         state.drop_waiting(path);
         state.cancel_in_flight(path, None);
-        state.desired.remove(path);
+        state.desired.remove(path).filter(|desired| !desired.is_met).map(|desired| desired.key)
     }
 
     /// Takes a job; waits until there is one. `None` once the queue is closed. Jobs with the key of one in flight stay:
@@ -356,6 +356,20 @@ mod tests {
         assert!(!queue.lock().desired[&first.path].is_met);
         queue.forget(&first.path);
         assert_eq!(queue.swappable(&request("a.glb", "2")), None);
+    }
+
+    #[test]
+    fn what_is_forgotten_is_still_to_come_until_the_result_is_in_place() {
+        let (queue, path) = (Queue::default(), AssetPath::from("a.glb"));
+        queue.push(job("a.glb", "1"));
+        let mut in_flight = queue.take().expect("a job");
+        assert_eq!(queue.forget(&path), Some(in_flight.job.request.key));
+        assert_eq!(queue.forget(&path), None);
+        queue.release(in_flight);
+        queue.push(job("a.glb", "1"));
+        in_flight = queue.take().expect("a job");
+        swap_in(&queue, &mut in_flight);
+        assert_eq!(queue.forget(&path), None);
     }
 
     #[test]

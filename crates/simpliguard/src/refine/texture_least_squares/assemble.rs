@@ -16,12 +16,12 @@ use crate::render::{EMPTY_PIXEL, Rect, View};
 /// Partial sums over the views: fixed, so that the result does not depend on the threads.
 const PARTS: usize = 4;
 
-/// The normal equations of every pixel that lies wholly on the source and on the level. With a coarse solution, a pixel
-/// counts by how well it agrees with it.
+/// The normal equations of every pixel that lies wholly on the source and on the level, in every `stride`-th row and column.
+/// With a coarse solution, a pixel counts by how well it agrees with it.
 pub(super) fn assemble(
     low: &LowPoly,
     views: &CoveredViews<'_>,
-    coarse: Option<&CoarseSolution>,
+    (stride, coarse): (usize, Option<&CoarseSolution>),
     cancellation: &Cancellation,
 ) -> NormalEquations {
     let chunk = views.len().div_ceil(PARTS).max(1);
@@ -30,7 +30,7 @@ pub(super) fn assemble(
         .par_chunks(chunk)
         .zip(views.rects.par_chunks(chunk))
         .map(|(chunk, rects)| {
-            let mut assembly = Assembly::new(low, coarse, views);
+            let mut assembly = Assembly::new(low, (stride, coarse), views);
             for (view, rect) in chunk.iter().zip(rects).take_while(|_| !cancellation.is_cancelled()) {
                 assembly.add_view(view, *rect);
             }
@@ -47,8 +47,10 @@ pub(super) fn assemble(
 /// The equations of some of the views, and the buffers they are made with.
 struct Assembly<'a> {
     low: &'a LowPoly,
+    stride: usize,
     coarse: Option<&'a CoarseSolution>,
     equations: NormalEquations,
+    /// The weight of a pixel, which stands for those that are passed over as well.
     pixel_weight: f32,
     frame: FrameBuffers,
     /// Pixels on either side of a silhouette, which hold background. All false between views.
@@ -56,13 +58,14 @@ struct Assembly<'a> {
 }
 
 impl<'a> Assembly<'a> {
-    fn new(low: &'a LowPoly, coarse: Option<&'a CoarseSolution>, views: &CoveredViews<'_>) -> Self {
+    fn new(low: &'a LowPoly, (stride, coarse): (usize, Option<&'a CoarseSolution>), views: &CoveredViews<'_>) -> Self {
         let size = views.size();
         Self {
             low,
+            stride,
             coarse,
             equations: NormalEquations::new(low.texture.size),
-            pixel_weight: views.pixel_weight(),
+            pixel_weight: views.pixel_weight() * (stride * stride) as f32,
             frame: FrameBuffers::new(size),
             silhouette: vec![false; size * size],
         }
@@ -73,10 +76,10 @@ impl<'a> Assembly<'a> {
         frame.rasterise(low, &view.camera, view.pose, rect);
         frame.find_blends(low);
         self.mark_silhouette(true);
-        let Self { low, coarse, equations, pixel_weight, frame, silhouette } = self;
-        for y in frame.rect.rows() {
+        let Self { low, stride, coarse, equations, pixel_weight, frame, silhouette } = self;
+        for y in frame.rect.rows().step_by(*stride) {
             let ndc_y = pixel_to_ndc(y, frame.size);
-            for x in frame.rect.columns() {
+            for x in frame.rect.columns().step_by(*stride) {
                 let i = y * frame.size + x;
                 let id = frame.raster.ids[i];
                 if id == EMPTY_PIXEL || silhouette[i] || view.image.pixels[i][3] != 255 {

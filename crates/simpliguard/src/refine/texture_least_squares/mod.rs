@@ -25,6 +25,9 @@ use crate::render::fill_unknown;
 
 /// Smallest smoothness of the coarse solution.
 const COARSE_SMOOTHNESS: f32 = 2.0;
+/// The coarse solution takes every second pixel of every second row: a texel of half the size has as many pixels as one of
+/// the full size.
+const COARSE_STRIDE: usize = 2;
 /// Iterations of the conjugate gradients, and of those that start from a coarse solution.
 const ITERATIONS: usize = 30;
 const NESTED_ITERATIONS: usize = 8;
@@ -43,25 +46,26 @@ pub(super) fn solve_texture(
     cancellation: &Cancellation,
 ) {
     let Some(scale) = trust else {
-        return solve(low, views, smoothness, None, cancellation);
+        return solve(low, views, smoothness, (1, None), cancellation);
     };
     let mut half = low.halved();
     let initial = half.texture.texels.clone();
-    solve(&mut half, views, smoothness.max(COARSE_SMOOTHNESS), None, cancellation);
+    solve(&mut half, views, smoothness.max(COARSE_SMOOTHNESS), (COARSE_STRIDE, None), cancellation);
     let TexelGrid { size, texels, .. } = half.texture;
     let change = texels.iter().zip(initial).map(|(after, before)| *after - before).collect();
     let coarse = CoarseSolution { size, texels, change, scale };
-    solve(low, views, smoothness, Some(&coarse), cancellation);
+    solve(low, views, smoothness, (1, Some(&coarse)), cancellation);
 }
 
+/// Solves with the pixels of every `stride`-th row and column, and starts from a coarse solution if there is one.
 fn solve(
     low: &mut LowPoly,
     views: &CoveredViews<'_>,
     smoothness: f32,
-    coarse: Option<&CoarseSolution>,
+    (stride, coarse): (usize, Option<&CoarseSolution>),
     cancellation: &Cancellation,
 ) {
-    let mut equations = assemble(low, views, coarse, cancellation);
+    let mut equations = assemble(low, views, (stride, coarse), cancellation);
     let seen: Vec<bool> = equations.rows.iter().map(|row| row.a[0] > 0.0).collect();
     equations.regularise(&low.texture, smoothness);
     let TexelGrid { size, texels, covered, .. } = &mut low.texture;

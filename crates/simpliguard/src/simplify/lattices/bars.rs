@@ -4,17 +4,22 @@ use glam::Vec3;
 
 use super::lattice::Lattice;
 use super::part::{Part, WIDTH};
+use crate::simplify::oriented_box::OrientedBox;
 
 /// Fewest bars of a lattice.
 const BARS: usize = 12;
 /// Largest distance of a bar's ends from the plane, as a fraction of the radius of the bounding sphere.
-const OFF_PLANE: f32 = 0.02;
+const OFF_PLANE: f32 = 0.035;
+/// Planes are fitted to their bars so many times.
+const FITS: usize = 4;
 /// Largest distance between the axes of bars that belong together, in the same measure.
 const GAP: f32 = 0.06;
 /// Bars from which planes are tried in each round.
 const SEEDS: usize = 150;
 /// Neighbours of a bar with which it spans a plane.
 const NEIGHBOURS: usize = 6;
+/// What is about a bar is no further away than so many times half of its length: from a spoke, all of its wheel.
+const ABOUT: f32 = 4.0;
 /// More bars are a haystack.
 const MOST_BARS: usize = 3000;
 /// Bars beside one bar that count.
@@ -71,9 +76,8 @@ impl Planes<'_> {
         let stride = self.free.len().div_ceil(SEEDS);
         let mut best: Option<(usize, Vec<usize>)> = None;
         for &seed in self.free.iter().step_by(stride) {
-            for other in self.neighbours(seed) {
-                let Some(normal) = self.normal(seed, other) else { continue };
-                let members = self.in_plane(seed, normal);
+            for normal in self.normals(seed) {
+                let (members, normal) = self.fitted(seed, normal);
                 // What belongs together is at most all of it.
                 let least = best.as_ref().map_or(0, |best| best.0);
                 if members.len() < BARS || self.triangles(&members) <= least {
@@ -96,8 +100,7 @@ impl Planes<'_> {
     /// The bars whose centres are nearest, on the same bone.
     fn neighbours(&self, seed: usize) -> Vec<usize> {
         let centre = self.bars[seed].around.centre;
-        let is_other = |&i: &usize| i != seed && self.bars[i].bone == self.bars[seed].bone;
-        let mut others: Vec<usize> = self.free.iter().copied().filter(is_other).collect();
+        let mut others: Vec<usize> = self.of_bone(seed).filter(|&i| i != seed).collect();
         let distance = |i: usize| self.bars[i].around.centre.distance_squared(centre);
         let order = |a: &usize, b: &usize| distance(*a).total_cmp(&distance(*b)).then(a.cmp(b));
         if others.len() > NEIGHBOURS {
@@ -116,11 +119,49 @@ impl Planes<'_> {
         normal.try_normalize()
     }
 
-    fn in_plane(&self, seed: usize, normal: Vec3) -> Vec<usize> {
-        let (origin, bone) = (self.bars[seed].around.centre, self.bars[seed].bone);
+    /// Normals of planes through a bar that are tried: those that it spans with its neighbours, and that of all bars about
+    /// it.
+    fn normals(&self, seed: usize) -> Vec<Vec3> {
+        let OrientedBox { centre, half, .. } = self.bars[seed].around;
+        let is_about = |&i: &usize| self.bars[i].around.centre.distance(centre) <= ABOUT * half.x;
+        let about: Vec<usize> = self.of_bone(seed).filter(is_about).collect();
+        let spanned = self.neighbours(seed).into_iter().filter_map(|other| self.normal(seed, other));
+        spanned.chain((about.len() >= BARS).then(|| self.plane_of(&about).1)).collect()
+    }
+
+    /// The bars of a plane through a bar that is fitted to them, and its normal.
+    fn fitted(&self, seed: usize, normal: Vec3) -> (Vec<usize>, Vec3) {
+        let mut best = (self.in_plane(seed, (self.bars[seed].around.centre, normal)), normal);
+        for _ in 0..FITS {
+            if best.0.len() < BARS {
+                break;
+            }
+            let plane = self.plane_of(&best.0);
+            let members = self.in_plane(seed, plane);
+            if members.binary_search(&seed).is_err() || self.triangles(&members) <= self.triangles(&best.0) {
+                break;
+            }
+            best = (members, plane.1);
+        }
+        best
+    }
+
+    /// The centre and the normal of the plane through bars.
+    fn plane_of(&self, members: &[usize]) -> (Vec3, Vec3) {
+        let ends: Vec<Vec3> = members.iter().flat_map(|&m| self.bars[m].ends()).collect();
+        let centre = ends.iter().sum::<Vec3>() / ends.len().max(1) as f32;
+        (centre, OrientedBox::around(&ends).axes.z_axis)
+    }
+
+    /// The free bars on the bone of a bar in a plane, ascending.
+    fn in_plane(&self, seed: usize, (origin, normal): (Vec3, Vec3)) -> Vec<usize> {
         let is_near = |end: Vec3| (end - origin).dot(normal).abs() <= OFF_PLANE * self.radius;
-        let is_member = |&i: &usize| self.bars[i].bone == bone && self.bars[i].ends().into_iter().all(is_near);
-        self.free.iter().copied().filter(is_member).collect()
+        self.of_bone(seed).filter(|&i| self.bars[i].ends().into_iter().all(is_near)).collect()
+    }
+
+    /// The free bars on the bone of a bar, with it.
+    fn of_bone(&self, seed: usize) -> impl Iterator<Item = usize> {
+        self.free.iter().copied().filter(move |&i| self.bars[i].bone == self.bars[seed].bone)
     }
 
     /// Those of the members that small gaps connect with the seed, ascending.

@@ -7,6 +7,7 @@
 mod bars;
 mod lattice;
 mod part;
+mod wires;
 
 use std::cmp::Reverse;
 
@@ -17,7 +18,8 @@ use super::layer_shape::LayerShape;
 use super::oriented_box::OrientedBox;
 use super::weld;
 use bars::planes_of_bars;
-use part::Part;
+use part::{Part, THICKNESS};
+use wires::straight_pieces;
 
 pub use lattice::Lattice;
 
@@ -26,8 +28,8 @@ const FEWEST_TRIANGLES: usize = 100;
 
 /// Finds the lattices of a surface. At most `most`, those of the most triangles first.
 ///
-/// A lattice is one flat component with many holes, or many thin bars in one plane. It is rigid and does not change its
-/// shape. `is_eligible` tells what may belong to one.
+/// A lattice is one flat component with many holes, or many thin bars in one plane; a wire that bends is several bars. It
+/// is rigid and does not change its shape. `is_eligible` tells what may belong to one.
 pub fn find_lattices(surface: &Surface, is_eligible: &dyn Fn(u32) -> bool, most: usize) -> Vec<Lattice> {
     if surface.morphs.is_some() || most == 0 {
         return Vec::new();
@@ -50,6 +52,10 @@ pub fn find_lattices(surface: &Surface, is_eligible: &dyn Fn(u32) -> bool, most:
             lattices.push(Lattice { triangles: part.triangles, bars: holes });
         } else if part.is_bar(radius) {
             bars.push(part);
+        } else {
+            let pieces = straight_pieces(&mesh, &triangles, THICKNESS * radius);
+            let pieces = pieces.iter().map(|piece| Part::new(&mesh, piece, source(piece), bone));
+            bars.extend(pieces.filter(|piece| piece.is_bar(radius)));
         }
     }
     lattices.extend(planes_of_bars(&bars, radius, most));
@@ -86,6 +92,7 @@ pub fn lattice_cards(model: &Model, lattice: &[u32]) -> LayerShape {
 mod tests {
     use glam::Vec3;
 
+    use super::wires::tests::tube;
     use super::*;
     use crate::data::Influences;
 
@@ -172,6 +179,30 @@ mod tests {
             add_box(&mut surface, Vec3::new(x, -0.5, z), Vec3::new(x + 0.01, 0.5, z + 0.01));
         }
         assert!(find(&surface).is_empty());
+    }
+
+    #[test]
+    fn spokes_that_bend_at_the_rim_are_a_lattice_on_each_side_of_the_wheel() {
+        let mut surface = Surface::default();
+        for i in 0..24 {
+            let (sin, cos) = (std::f32::consts::TAU * i as f32 / 24.0).sin_cos();
+            let at = |radius: f32, z: f32| Vec3::new(cos * radius, sin * radius, z);
+            let points = [at(0.05, 0.06), at(0.5, 0.03), at(1.0, 0.0), at(0.5, -0.03), at(0.05, -0.06)];
+            // Along the rim for a little, so that the ring there does not fold.
+            let rim = Vec3::new(-sin, cos, 0.0) * 0.02;
+            let wire = tube(&[points[0], points[1], points[2] - rim, points[2] + rim, points[3], points[4]], 0.002);
+            let first = surface.positions.len() as u32;
+            surface.triangles.extend(wire.triangles.iter().map(|t| t.map(|v| v + first)));
+            surface.positions.extend(wire.positions);
+        }
+        let lattices = find_lattices(&surface, &|_| true, 10);
+        assert_eq!(lattices.iter().map(|lattice| lattice.bars).collect::<Vec<_>>(), [24, 24]);
+        let side = |lattice: &Lattice| {
+            let z =
+                |&t: &u32| surface.triangles[t as usize].map(|v| surface.positions[v as usize].z).iter().sum::<f32>();
+            lattice.triangles.iter().all(|t| z(t) > 0.0) || lattice.triangles.iter().all(|t| z(t) < 0.0)
+        };
+        assert!(lattices.iter().all(side));
     }
 
     #[test]

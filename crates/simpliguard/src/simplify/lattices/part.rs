@@ -10,7 +10,7 @@ use crate::simplify::oriented_box::OrientedBox;
 
 /// Largest half thickness of a lattice and of a bar, as a fraction of the radius of the bounding sphere: it is no thicker
 /// than a few pixels where the model fills the screen.
-const THICKNESS: f32 = 0.012;
+pub(super) const THICKNESS: f32 = 0.012;
 /// Least half width of a lattice, in the same measure: small things collapse well.
 pub(super) const WIDTH: f32 = 0.04;
 /// Fewest holes of a lattice.
@@ -65,9 +65,8 @@ impl Part {
     }
 }
 
-/// The number of holes through a component: its genus if it is closed, one less than the number of its borders if it is
-/// flat.
-fn holes(mesh: &TriMesh, triangles: &[u32]) -> i64 {
+/// The triangles `triangles` of a mesh as a mesh of their own, in the same order.
+pub(super) fn component(mesh: &TriMesh, triangles: &[u32]) -> TriMesh {
     let (mut component, mut ids) = (TriMesh::default(), HashMap::new());
     for &t in triangles {
         let triangle = mesh.triangles[t as usize].map(|v| {
@@ -78,6 +77,12 @@ fn holes(mesh: &TriMesh, triangles: &[u32]) -> i64 {
         });
         component.triangles.push(triangle);
     }
-    let Topology { edges, euler_characteristic, .. } = Topology::of(&component);
+    component
+}
+
+/// The number of holes through a component: its genus if it is closed, one less than the number of its borders if it is
+/// flat.
+fn holes(mesh: &TriMesh, triangles: &[u32]) -> i64 {
+    let Topology { edges, euler_characteristic, .. } = Topology::of(&component(mesh, triangles));
     if edges.boundary == 0 { 1 - euler_characteristic / 2 } else { 1 - euler_characteristic }
 }
