@@ -16,6 +16,9 @@ const DECIBELS_PER_DRAW_CALL: f32 = 0.1;
 
 /// Decibels by which it must look more like the source, for each that it loses in its worst view.
 const WORST_VIEW: f32 = 3.0;
+/// Decibels by which it must look more like the source, for all pixels of a material that it shows wrongly and the other does
+/// not: a mangled pot in a large room is few pixels.
+const WRONG_MATERIAL: f32 = 20.0;
 /// Decibels of a view in which nothing is missing.
 const SOUND_VIEW: f32 = 30.0;
 
@@ -86,8 +89,9 @@ fn keep_better(maker: &LevelMaker<'_>, attempt: Attempt<'_>, reduced: &Reduced, 
     let gain = report.mean_psnr() - there_report.mean_psnr();
     // Walls that are exact in most views must not hide bars that are missing in one.
     let loss = (there_report.worst_psnr().min(SOUND_VIEW) - report.worst_psnr()).max(0.0);
-    tracing::debug!(budget = report.budget, gain, draw_calls, cards = report.lattices, "reduction");
-    if gain > DECIBELS_PER_DRAW_CALL * draw_calls as f32 + WORST_VIEW * loss {
+    let wrong = (report.wrong_share() - there_report.wrong_share()).max(0.0);
+    tracing::debug!(budget = report.budget, gain, draw_calls, wrong, cards = report.lattices, "reduction");
+    if gain > DECIBELS_PER_DRAW_CALL * draw_calls as f32 + WORST_VIEW * loss + WRONG_MATERIAL * wrong {
         let warning = maker.params.gate.warning(&report);
         (made.levels[attempt.level], made.reports[attempt.level]) = (level, LevelReport { warning, ..report });
     }

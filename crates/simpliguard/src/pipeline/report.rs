@@ -202,6 +202,12 @@ impl LevelReport {
     pub(super) fn worst_psnr(&self) -> f32 {
         self.likeness.as_ref().map_or(0.0, |likeness| likeness.psnr_worst)
     }
+
+    /// The fraction of the pixels that are wrong of the material that carries most of the error; 0 if nobody has looked.
+    pub(super) fn wrong_share(&self) -> f32 {
+        let worst = self.likeness.as_ref().and_then(|likeness| likeness.worst.as_ref());
+        worst.map_or(0.0, |worst| worst.wrong)
+    }
 }
 
 impl Likeness {

@@ -9,15 +9,18 @@ use super::layer_shape::LayerShape;
 use super::opaque::OpaqueSurface;
 use super::params::SimplifyParams;
 use super::simplify_input::SimplifyInput;
-use super::visibility::DIRECTIONS;
+use super::visibility::{ClearPixels, DIRECTIONS};
 use super::walls::Walls;
 use super::{visibility, weld};
 use crate::Cancellation;
 use crate::data::{Candidate, Model, Parts, TriMesh};
 use crate::geometry::BoundingSphere;
 
-/// Faces of a clear surface for one face of a solid one that shows as many pixels: less of its shape is seen.
+/// Faces of a clear surface for one face of a solid one that shows as many pixels: in front of a solid one, less of its shape
+/// is seen.
 const WORTH: f64 = 0.2;
+/// The same where nothing solid is behind it: there its outline is that of the model.
+const OPEN_WORTH: f64 = 0.4;
 /// Fewest faces of a clear surface, as a fraction of the budget: the windows of a small car on a large ground are still
 /// windows.
 const FEWEST: f64 = 0.02;
@@ -27,15 +30,6 @@ const FEWEST_FACES: u32 = 8;
 const MOST: f64 = 0.5;
 /// Rings of invisible faces that are kept around visible ones.
 const KEPT_RINGS: usize = 1;
-
-/// The number of pixels that clear and solid surfaces show, over all views.
-#[derive(Clone, Debug)]
-pub struct ClearPixels {
-    /// Of each triangle of a clear surface, in front of the solid one.
-    of_triangles: Vec<u32>,
-    /// Of the solid surface, as if nothing clear were before it.
-    solid: u64,
-}
 
 impl ClearPixels {
     /// Counts the pixels of `clear`, a model of clear surfaces, in front of the solid surface of a model, if there is
@@ -53,19 +47,19 @@ impl ClearPixels {
         let solid_mesh = solid.map_or(&nothing, |(_, solid)| &solid.mesh);
         let is_solid_double_sided =
             |t: usize| solid.is_some_and(|(model, solid)| model.material_of(solid.source[t]).double_sided);
-        let (of_triangles, solid) = visibility::clear_pixels(
+        visibility::clear_pixels(
             (&clear_mesh, &is_double_sided),
             (solid_mesh, &is_solid_double_sided),
             (sphere, DIRECTIONS),
             cancellation,
-        );
-        Self { of_triangles, solid }
+        )
     }
 
     /// The faces out of `budget` that the clear surface is worth.
     pub fn share(&self, budget: u32) -> u32 {
         let clear: f64 = self.of_triangles.iter().map(|&n| f64::from(n)).sum();
-        let worth = WORTH * clear / (clear + self.solid as f64).max(1.0);
+        let (open, solid) = (self.open as f64, self.solid as f64);
+        let worth = (WORTH * (clear - open) + OPEN_WORTH * open) / (clear + solid).max(1.0);
         let faces = (f64::from(budget) * worth.clamp(FEWEST, MOST)).round() as u32;
         faces.max(FEWEST_FACES.min(budget / 2)).min(self.of_triangles.len() as u32)
     }
@@ -117,8 +111,9 @@ mod tests {
 
     #[test]
     fn a_share_follows_the_pixels_within_its_bounds() {
-        let pixels = |clear: u32, solid| ClearPixels { of_triangles: vec![clear; 1000], solid };
+        let pixels = |clear: u32, solid| ClearPixels { of_triangles: vec![clear; 1000], open: 0, solid };
         assert_eq!(pixels(1, 3000).share(1000), 50);
+        assert_eq!(ClearPixels { open: 500, ..pixels(1, 3000) }.share(1000), 75);
         assert_eq!(pixels(1, 1_000_000).share(1000), 20);
         assert_eq!(pixels(1, 1_000_000).share(200), FEWEST_FACES);
         assert_eq!(pixels(1, 0).share(4000), 800);

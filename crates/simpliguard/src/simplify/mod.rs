@@ -44,7 +44,7 @@ use qem::Simplifier;
 use simplify_input::SimplifyInput;
 use unit_sphere::{from_unit_sphere, to_unit_sphere};
 
-pub use clear::{ClearPixels, simplify_clear};
+pub use clear::simplify_clear;
 pub use competition::Generate;
 pub use deviation::DeviationMetric;
 pub use face_weights::texel_density;
@@ -57,6 +57,7 @@ pub use params::{CandidateParams, CollapseParams, SimplifyParams};
 pub use reduction::{Reduced, ReductionInputs, reduce};
 pub use score::is_cut_out;
 pub use shape::{RunnerUp, Selected, Shape, Shortfall};
+pub use visibility::ClearPixels;
 
 /// Finds the best shape for each budget, in the order of the budgets.
 ///

@@ -1,5 +1,7 @@
 //! The mesh from which a candidate is collapsed, and the visible size of its faces.
 
+use std::collections::HashMap;
+
 use super::candidates::reconstruction;
 use super::inputs::Inputs;
 use super::visibility::{DIRECTIONS, FacePixels};
@@ -9,6 +11,9 @@ use crate::geometry::BoundingSphere;
 
 /// Rings of invisible faces that are kept around visible ones.
 const KEPT_RINGS: usize = 2;
+/// Least fraction of the pixels that backs of faces of two sides show, for which they become faces of their own where most
+/// faces have one side.
+const BACKS: f64 = 0.01;
 
 /// A mesh before its collapse, and the visible size of its faces.
 pub(super) struct SimplifyInput {
@@ -33,9 +38,13 @@ impl SimplifyInput {
             pixels = pixels_in_all_poses(inputs, &open, &|_| false);
             mesh = open;
         }
+        let of_two_sides = pixels.covered.iter().zip(&two_sided).filter(|(_, two)| **two).map(|(&n, _)| u64::from(n));
+        let double_sided = 2 * of_two_sides.sum::<u64>() > total(&pixels.covered);
+        if remove_invisible && !double_sided && candidate == Candidate::Source {
+            let seen = with_seen_backs(&mesh, &two_sided, |both| pixels_in_all_poses(inputs, both, &|_| false));
+            (mesh, pixels) = seen.unwrap_or((mesh, pixels));
+        }
         let covered = &pixels.covered;
-        let double = covered.iter().zip(&two_sided).filter(|(_, two)| **two).map(|(&n, _)| u64::from(n)).sum::<u64>();
-        let double_sided = 2 * double > covered.iter().map(|&n| u64::from(n)).sum::<u64>();
         let weighted = pixels.weighted();
         if !remove_invisible || covered.iter().all(|&n| n == 0) || inputs.cancellation.is_cancelled() {
             return Self { mesh, pixels: weighted, double_sided, is_clear: false };
@@ -46,6 +55,40 @@ impl SimplifyInput {
         let pixels = weighted.iter().zip(&kept).filter(|(_, kept)| **kept).map(|(&n, _)| n).collect();
         Self { mesh: visible, pixels, double_sided, is_clear: false }
     }
+}
+
+/// A mesh with backs for its faces of two sides, and the pixels of faces of one side. `None` if the backs show next to nothing.
+fn with_seen_backs(
+    mesh: &TriMesh,
+    two_sided: &[bool],
+    pixels: impl Fn(&TriMesh) -> FacePixels,
+) -> Option<(TriMesh, FacePixels)> {
+    if !two_sided.contains(&true) {
+        return None;
+    }
+    let both = with_backs(mesh, two_sided);
+    let pixels = pixels(&both);
+    let of_backs = total(&pixels.covered[mesh.triangles.len()..]) as f64;
+    (of_backs > BACKS * total(&pixels.covered) as f64).then_some((both, pixels))
+}
+
+fn total(pixels: &[u32]) -> u64 {
+    pixels.iter().map(|&n| u64::from(n)).sum()
+}
+
+/// A mesh with a copy of each face of two sides, which shows its back.
+fn with_backs(mesh: &TriMesh, two_sided: &[bool]) -> TriMesh {
+    let (mut both, mut copies) = (mesh.clone(), HashMap::new());
+    for (&triangle, _) in mesh.triangles.iter().zip(two_sided).filter(|(_, two)| **two) {
+        let [a, b, c] = triangle.map(|v| {
+            *copies.entry(v).or_insert_with(|| {
+                both.positions.push(mesh.positions[v as usize]);
+                both.positions.len() as u32 - 1
+            })
+        });
+        both.triangles.push([a, c, b]);
+    }
+    both
 }
 
 /// The mesh of a candidate, and for each face if it has two sides.
@@ -81,4 +124,44 @@ pub(super) fn pixels_in_all_poses(
         pixels.add(&visibility::visible_pixels(&posed, &sphere, directions, double_sided, inputs.cancellation));
     }
     pixels
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::Vec3;
+
+    use super::*;
+
+    #[test]
+    fn backs_are_copies_with_vertices_of_their_own() {
+        let mesh = TriMesh {
+            positions: vec![Vec3::ZERO, Vec3::X, Vec3::Y, Vec3::ONE],
+            triangles: vec![[0, 1, 2], [1, 3, 2], [0, 2, 3]],
+        };
+        let both = with_backs(&mesh, &[true, true, false]);
+        assert_eq!((both.positions.len(), &both.triangles[..3]), (8, &mesh.triangles[..]));
+        for (front, back) in [(0, 3), (1, 4)] {
+            assert_eq!(both.area_vector(back), -both.area_vector(front));
+        }
+        assert!(both.triangles[3..].iter().flatten().all(|&v| v >= 4));
+    }
+
+    #[test]
+    fn backs_that_are_seen_become_faces() {
+        let square = |z: f32| [Vec3::ZERO, Vec3::X, Vec3::X + Vec3::Y, Vec3::Y].map(|p| p + Vec3::Z * z);
+        // A square that faces up, and closely below it one that faces down.
+        let mesh = TriMesh {
+            positions: [square(0.0), square(-0.001)].concat(),
+            triangles: vec![[0, 1, 2], [0, 2, 3], [4, 6, 5], [4, 7, 6]],
+        };
+        let sphere = BoundingSphere::around(&mesh.positions);
+        let pixels =
+            |both: &TriMesh| visibility::visible_pixels(both, &sphere, 16, &|_| false, &crate::Cancellation::default());
+        let single = TriMesh { triangles: mesh.triangles[..2].to_vec(), ..mesh.clone() };
+        let (both, covered) = with_seen_backs(&single, &[true, true], pixels).expect("the back is seen from below");
+        assert_eq!(both.triangles.len(), 4);
+        assert!(covered.covered.iter().all(|&n| n > 0));
+        assert!(with_seen_backs(&single, &[false, false], pixels).is_none(), "no face has two sides");
+        assert!(with_seen_backs(&mesh, &[true; 4], pixels).is_none(), "the backs lie within");
+    }
 }

@@ -113,38 +113,59 @@ pub(super) fn visible_pixels(
 /// A mesh, and which of its faces are seen from behind.
 type Sided<'a> = (&'a TriMesh, &'a (dyn Fn(usize) -> bool + Sync));
 
-/// Number of pixels that each face of `clear` covers in front of `solid`, and number of pixels that `solid` covers, both
-/// summed over as many directions as given with the sphere. Faces of `clear` do not hide each other.
+/// The number of pixels that clear and solid surfaces show, over all views.
+#[derive(Clone, Debug)]
+pub struct ClearPixels {
+    /// Of each face of the clear surface, in front of the solid one.
+    pub(super) of_triangles: Vec<u32>,
+    /// Those of them that have nothing solid behind.
+    pub(super) open: u64,
+    /// Of the solid surface, as if nothing clear were before it.
+    pub(super) solid: u64,
+}
+
+impl ClearPixels {
+    fn none(triangles: usize) -> Self {
+        Self { of_triangles: vec![0; triangles], open: 0, solid: 0 }
+    }
+
+    fn add(mut self, other: &Self) -> Self {
+        self.of_triangles.iter_mut().zip(&other.of_triangles).for_each(|(a, b)| *a += b);
+        Self { open: self.open + other.open, solid: self.solid + other.solid, ..self }
+    }
+}
+
+/// Counts the pixels of `clear` in front of `solid`, over as many directions as given with the sphere. Faces of `clear` do
+/// not hide each other.
 pub(super) fn clear_pixels(
     (clear, clear_double_sided): Sided<'_>,
     (solid, solid_double_sided): Sided<'_>,
     (sphere, directions): (&BoundingSphere, usize),
     cancellation: &Cancellation,
-) -> (Vec<u32>, u64) {
+) -> ClearPixels {
     let directions = fibonacci_directions(directions);
-    let count = |(mut raster, mut pixels, mut covered): (Raster, Vec<u32>, u64), direction: &Vec3| {
+    let count = |(mut raster, mut pixels): (Raster, ClearPixels), direction: &Vec3| {
         let camera = Camera::orbit(sphere, *direction, 0.6, 1.0);
         let (clip, clear_clip) = (camera.project(&solid.positions), camera.project(&clear.positions));
         raster.clear(Rect { x0: 0, y0: 0, x1: SIZE, y1: SIZE });
         raster.draw(&clip, &solid.triangles, solid_double_sided);
-        covered += raster.ids.iter().filter(|&&id| id != EMPTY_PIXEL).count() as u64;
+        let is_open: Vec<bool> = raster.ids.iter().map(|&id| id == EMPTY_PIXEL).collect();
+        pixels.solid += is_open.iter().filter(|&&open| !open).count() as u64;
         let corners = raster.pixel_corners(&clear_clip);
         for (t, triangle) in clear.triangles.iter().enumerate() {
             let triangle = triangle.map(|v| corners[v as usize]);
-            raster.draw_tested(t, triangle, clear_double_sided(t), |_, _, _| {
-                pixels[t] += 1;
+            raster.draw_tested(t, triangle, clear_double_sided(t), |i, _, _| {
+                pixels.of_triangles[t] += 1;
+                pixels.open += u64::from(is_open[i]);
                 false
             });
         }
-        (raster, pixels, covered)
+        (raster, pixels)
     };
-    let empty = || (vec![0u32; clear.triangles.len()], 0);
+    let none = || ClearPixels::none(clear.triangles.len());
     let wanted = directions.par_iter().with_min_len(MIN_DIRECTIONS).take_any_while(|_| !cancellation.is_cancelled());
-    let start = || (Raster::new(SIZE), vec![0u32; clear.triangles.len()], 0);
-    wanted.fold(start, count).map(|(_, pixels, covered)| (pixels, covered)).reduce(empty, |mut a, b| {
-        a.0.iter_mut().zip(b.0).for_each(|(a, b)| *a += b);
-        (a.0, a.1 + b.1)
-    })
+    let counts = wanted.fold(|| (Raster::new(SIZE), none()), count).map(|(_, pixels)| pixels);
+    counts.reduce(none, |a, b| a.add(&b))
 }
 
 /// Adds the faces that share a vertex with a set of faces to the set, `rings` times.

@@ -44,9 +44,9 @@ pub fn find_lattices(surface: &Surface, is_eligible: &dyn Fn(u32) -> bool, most:
     let components = group_by_component(&face_components(mesh.positions.len(), &mesh.triangles));
     let (mut lattices, mut bars) = (Vec::new(), Vec::new());
     for triangles in components {
-        let source = source(&triangles);
-        let Some(bone) = bone(surface, &source) else { continue };
-        let part = Part::new(&mesh, &triangles, source, bone);
+        let of_component = source(&triangles);
+        let Some(bone) = bone(surface, &of_component) else { continue };
+        let part = Part::new(&mesh, &triangles, of_component, bone);
         let holes = (triangles.len() >= FEWEST_TRIANGLES).then(|| part.holes(&mesh, &triangles, radius)).flatten();
         if let Some(holes) = holes {
             lattices.push(Lattice { triangles: part.triangles, bars: holes });
