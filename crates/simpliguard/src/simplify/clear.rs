@@ -57,11 +57,11 @@ impl ClearPixels {
 
     /// The faces out of `budget` that the clear surface is worth.
     pub fn share(&self, budget: u32) -> u32 {
-        let clear: f64 = self.of_triangles.iter().map(|&n| f64::from(n)).sum();
+        let clear: f64 = self.faces.covered.iter().map(|&n| f64::from(n)).sum();
         let (open, solid) = (self.open as f64, self.solid as f64);
         let worth = (WORTH * (clear - open) + OPEN_WORTH * open) / (clear + solid).max(1.0);
         let faces = (f64::from(budget) * worth.clamp(FEWEST, MOST)).round() as u32;
-        faces.max(FEWEST_FACES.min(budget / 2)).min(self.of_triangles.len() as u32)
+        faces.max(FEWEST_FACES.min(budget / 2)).min(self.faces.covered.len() as u32)
     }
 }
 
@@ -72,14 +72,16 @@ impl ClearPixels {
 pub fn simplify_clear(inputs: &Inputs<'_>, params: &SimplifyParams, pixels: &ClearPixels) -> Vec<Option<LayerShape>> {
     let (mesh, welded_from) = weld::weld(&inputs.opaque.mesh.positions, &inputs.opaque.mesh.triangles);
     let source: Vec<u32> = welded_from.iter().map(|&t| inputs.opaque.source[t as usize]).collect();
-    let pixels: Vec<u32> = source.iter().map(|&t| pixels.of_triangles[t as usize]).collect();
-    let double_sided = most_are_double_sided(inputs.model, &source, &pixels);
-    let mut kept: Vec<bool> = pixels.iter().map(|&n| n > 0).collect();
+    let of_source = |pixels: &[u32]| -> Vec<u32> { source.iter().map(|&t| pixels[t as usize]).collect() };
+    let covered = of_source(&pixels.faces.covered);
+    let double_sided = most_are_double_sided(inputs.model, &source, &covered);
+    let mut kept: Vec<bool> = covered.iter().map(|&n| n > 0).collect();
     if !kept.contains(&true) {
         return vec![None; params.budgets.len()];
     }
     visibility::grow(&mesh, &mut kept, KEPT_RINGS);
-    let pixels = pixels.iter().zip(&kept).filter(|(_, kept)| **kept).map(|(&n, _)| n).collect();
+    let weighted = of_source(&pixels.faces.weighted());
+    let pixels = weighted.into_iter().zip(&kept).filter(|(_, kept)| **kept).map(|(n, _)| n).collect();
     let source: Vec<u32> = source.iter().zip(&kept).filter(|(_, kept)| **kept).map(|(&t, _)| t).collect();
     let input = SimplifyInput { mesh: weld::cut(&mesh.filtered(|t| kept[t])), pixels, double_sided, is_clear: true };
     let walls = Walls::new(&input.mesh, &source, inputs.sphere.radius);
@@ -107,11 +109,16 @@ fn most_are_double_sided(model: &Model, source: &[u32], pixels: &[u32]) -> bool 
 
 #[cfg(test)]
 mod tests {
+    use super::super::visibility::FacePixels;
     use super::*;
 
     #[test]
     fn a_share_follows_the_pixels_within_its_bounds() {
-        let pixels = |clear: u32, solid| ClearPixels { of_triangles: vec![clear; 1000], open: 0, solid };
+        let pixels = |clear: u32, solid| ClearPixels {
+            faces: FacePixels { covered: vec![clear; 1000], outlines: vec![0; 1000] },
+            open: 0,
+            solid,
+        };
         assert_eq!(pixels(1, 3000).share(1000), 50);
         assert_eq!(ClearPixels { open: 500, ..pixels(1, 3000) }.share(1000), 75);
         assert_eq!(pixels(1, 1_000_000).share(1000), 20);

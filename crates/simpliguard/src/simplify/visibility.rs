@@ -37,7 +37,7 @@ pub(super) struct FacePixels {
     /// Number of pixels.
     pub(super) covered: Vec<u32>,
     /// What the pixels on outlines count in addition.
-    outlines: Vec<u32>,
+    pub(super) outlines: Vec<u32>,
 }
 
 impl FacePixels {
@@ -69,10 +69,14 @@ impl FacePixels {
     }
 }
 
+/// The pixels beside a pixel; some may lie outside of the buffer.
+fn neighbours(pixel: usize) -> [usize; 4] {
+    [pixel.wrapping_sub(1), pixel + 1, pixel.wrapping_sub(SIZE), pixel + SIZE]
+}
+
 /// What a covered pixel counts more than others because it lies on an outline.
 fn outline_weight(raster: &Raster, pixel: usize) -> u32 {
-    let neighbours = [pixel.wrapping_sub(1), pixel + 1, pixel.wrapping_sub(SIZE), pixel + SIZE];
-    let depths = neighbours.into_iter().filter_map(|i| raster.depth.get(i));
+    let depths = neighbours(pixel).into_iter().filter_map(|i| raster.depth.get(i));
     let farthest = depths.fold(f32::MIN, |farthest, depth| depth.max(farthest));
     match farthest {
         f32::MAX => OUTLINE_WEIGHT,
@@ -116,8 +120,8 @@ type Sided<'a> = (&'a TriMesh, &'a (dyn Fn(usize) -> bool + Sync));
 /// The number of pixels that clear and solid surfaces show, over all views.
 #[derive(Clone, Debug)]
 pub struct ClearPixels {
-    /// Of each face of the clear surface, in front of the solid one.
-    pub(super) of_triangles: Vec<u32>,
+    /// Of each face of the clear surface, in front of the solid one. Outlines are those of everything together.
+    pub(super) faces: FacePixels,
     /// Those of them that have nothing solid behind.
     pub(super) open: u64,
     /// Of the solid surface, as if nothing clear were before it.
@@ -125,12 +129,12 @@ pub struct ClearPixels {
 }
 
 impl ClearPixels {
-    fn none(triangles: usize) -> Self {
-        Self { of_triangles: vec![0; triangles], open: 0, solid: 0 }
+    fn none(faces: usize) -> Self {
+        Self { faces: FacePixels::none(faces), open: 0, solid: 0 }
     }
 
     fn add(mut self, other: &Self) -> Self {
-        self.of_triangles.iter_mut().zip(&other.of_triangles).for_each(|(a, b)| *a += b);
+        self.faces.add(&other.faces);
         Self { open: self.open + other.open, solid: self.solid + other.solid, ..self }
     }
 }
@@ -152,14 +156,23 @@ pub(super) fn clear_pixels(
         let is_open: Vec<bool> = raster.ids.iter().map(|&id| id == EMPTY_PIXEL).collect();
         pixels.solid += is_open.iter().filter(|&&open| !open).count() as u64;
         let corners = raster.pixel_corners(&clear_clip);
-        for (t, triangle) in clear.triangles.iter().enumerate() {
-            let triangle = triangle.map(|v| corners[v as usize]);
-            raster.draw_tested(t, triangle, clear_double_sided(t), |i, _, _| {
-                pixels.of_triangles[t] += 1;
-                pixels.open += u64::from(is_open[i]);
-                false
-            });
-        }
+        let mut visit_all = |visit: &mut dyn FnMut(usize, usize)| {
+            for (t, triangle) in clear.triangles.iter().enumerate() {
+                let triangle = triangle.map(|v| corners[v as usize]);
+                raster.draw_tested(t, triangle, clear_double_sided(t), |i, _, _| {
+                    visit(t, i);
+                    false
+                });
+            }
+        };
+        let mut is_empty = is_open.clone();
+        visit_all(&mut |_, i| is_empty[i] = false);
+        let is_outline = |i: usize| neighbours(i).into_iter().any(|n| is_empty.get(n).is_some_and(|empty| *empty));
+        visit_all(&mut |t, i| {
+            pixels.faces.covered[t] += 1;
+            pixels.faces.outlines[t] += if is_outline(i) { OUTLINE_WEIGHT } else { 0 };
+            pixels.open += u64::from(is_open[i]);
+        });
         (raster, pixels)
     };
     let none = || ClearPixels::none(clear.triangles.len());
