@@ -189,7 +189,6 @@ pub(super) mod tests {
         let mesh = TriMesh {
             positions: vec![Vec3::ZERO, Vec3::X, Vec3::new(1.0, 1.0, 0.0), Vec3::new(0.0, 1.0, 0.0)],
             triangles: vec![[0, 1, 2], [1, 3, 2]],
-            ..TriMesh::default()
         };
         assert_eq!(
             distances(&mesh, &edges(&mesh), 0),
