@@ -13,6 +13,7 @@ mod sampling;
 pub(crate) mod self_intersection;
 mod topology;
 mod triangle;
+mod vertex_neighbours;
 
 pub use bounding_sphere::BoundingSphere;
 pub use bvh::{Bvh, Hit};
@@ -29,3 +30,4 @@ pub use sampling::fibonacci_directions;
 pub use topology::{EdgeCounts, Topology};
 pub(crate) use triangle::{area_vector, clamped_barycentric, doubled_area};
 pub use triangle::{barycentric, closest_point};
+pub(crate) use vertex_neighbours::vertex_neighbours;

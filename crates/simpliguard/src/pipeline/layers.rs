@@ -39,8 +39,8 @@ pub(super) struct SourceLayers<'a> {
 }
 
 impl<'a> SourceLayers<'a> {
-    /// Divides a source; `lattices` have a layer of their own. Blended materials whose alpha is low or high nearly everywhere are cut-outs, and those of full
-    /// alpha are opaque. Blended triangles that show nothing are left out.
+    /// Divides a source; `lattices` have a layer of their own. Blended materials whose alpha is low or high nearly everywhere
+    /// are cut-outs, and those of full alpha are opaque. Blended triangles that show nothing are left out.
     pub(super) fn divide(model: &'a Model, lattices: &[Lattice]) -> Self {
         let whole = || Self { solid: Cow::Borrowed(model), has_solid: true, extra: Vec::new() };
         if lattices.is_empty() && !may_be_clear(model) {

@@ -74,7 +74,8 @@ pub fn simplify_clear(inputs: &Inputs<'_>, params: &SimplifyParams, pixels: &Cle
     let source: Vec<u32> = welded_from.iter().map(|&t| inputs.opaque.source[t as usize]).collect();
     let of_source = |pixels: &[u32]| -> Vec<u32> { source.iter().map(|&t| pixels[t as usize]).collect() };
     let covered = of_source(&pixels.faces.covered);
-    let double_sided = most_are_double_sided(inputs.model, &source, &covered);
+    let is_double_sided = |t: usize| inputs.model.material_of(source[t]).double_sided;
+    let double_sided = visibility::most_are_double_sided(&covered, is_double_sided);
     let mut kept: Vec<bool> = covered.iter().map(|&n| n > 0).collect();
     if !kept.contains(&true) {
         return vec![None; params.budgets.len()];
@@ -95,16 +96,6 @@ pub fn simplify_clear(inputs: &Inputs<'_>, params: &SimplifyParams, pixels: &Cle
         Some(LayerShape { mesh, double_sided, cards: None, parts: Some(parts) })
     };
     params.budgets.iter().enumerate().map(best).collect()
-}
-
-/// Double-sided triangles show more pixels than others.
-fn most_are_double_sided(model: &Model, source: &[u32], pixels: &[u32]) -> bool {
-    let (mut double, mut all) = (0u64, 0u64);
-    for (&t, &n) in source.iter().zip(pixels) {
-        all += u64::from(n);
-        double += if model.material_of(t).double_sided { u64::from(n) } else { 0 };
-    }
-    2 * double > all
 }
 
 #[cfg(test)]

@@ -38,8 +38,7 @@ impl SimplifyInput {
             pixels = pixels_in_all_poses(inputs, &open, &|_| false);
             mesh = open;
         }
-        let of_two_sides = pixels.covered.iter().zip(&two_sided).filter(|(_, two)| **two).map(|(&n, _)| u64::from(n));
-        let double_sided = 2 * of_two_sides.sum::<u64>() > total(&pixels.covered);
+        let double_sided = visibility::most_are_double_sided(&pixels.covered, |t| two_sided[t]);
         if remove_invisible && !double_sided && candidate == Candidate::Source {
             let seen = with_seen_backs(&mesh, &two_sided, |both| pixels_in_all_poses(inputs, both, &|_| false));
             (mesh, pixels) = seen.unwrap_or((mesh, pixels));
@@ -68,12 +67,9 @@ fn with_seen_backs(
     }
     let both = with_backs(mesh, two_sided);
     let pixels = pixels(&both);
-    let of_backs = total(&pixels.covered[mesh.triangles.len()..]) as f64;
-    (of_backs > BACKS * total(&pixels.covered) as f64).then_some((both, pixels))
-}
-
-fn total(pixels: &[u32]) -> u64 {
-    pixels.iter().map(|&n| u64::from(n)).sum()
+    let total = |pixels: &[u32]| pixels.iter().map(|&n| f64::from(n)).sum::<f64>();
+    let of_backs = total(&pixels.covered[mesh.triangles.len()..]);
+    (of_backs > BACKS * total(&pixels.covered)).then_some((both, pixels))
 }
 
 /// A mesh with a copy of each face of two sides, which shows its back.

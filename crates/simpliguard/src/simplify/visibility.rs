@@ -114,6 +114,16 @@ pub(super) fn visible_pixels(
     })
 }
 
+/// Faces of two sides show more pixels than the others. `pixels` has the number of each face.
+pub(super) fn most_are_double_sided(pixels: &[u32], is_double_sided: impl Fn(usize) -> bool) -> bool {
+    let (mut double, mut all) = (0, 0);
+    for (t, &n) in pixels.iter().enumerate() {
+        all += u64::from(n);
+        double += if is_double_sided(t) { u64::from(n) } else { 0 };
+    }
+    2 * double > all
+}
+
 /// A mesh, and which of its faces are seen from behind.
 type Sided<'a> = (&'a TriMesh, &'a (dyn Fn(usize) -> bool + Sync));
 

@@ -6,6 +6,8 @@
 
 use glam::DVec2;
 
+use crate::geometry::vertex_neighbours;
+
 /// `a * b`.
 pub(super) fn mul(a: DVec2, b: DVec2) -> DVec2 {
     DVec2::new(a.x * b.x - a.y * b.y, a.x * b.y + a.y * b.x)
@@ -19,7 +21,7 @@ pub(super) fn conj_mul(a: DVec2, b: DVec2) -> DVec2 {
 /// Position of each vertex in a reverse Cuthill-McKee ordering of the graph of the triangles' edges, which need not be
 /// connected.
 pub(super) fn ordering(vertices: usize, triangles: &[[u32; 3]]) -> Vec<u32> {
-    let neighbours = adjacency(vertices, triangles);
+    let neighbours = vertex_neighbours(vertices, triangles);
     let mut order = Vec::with_capacity(vertices);
     let mut seen = vec![false; vertices];
     for v in 0..vertices {
@@ -35,21 +37,6 @@ pub(super) fn ordering(vertices: usize, triangles: &[[u32; 3]]) -> Vec<u32> {
         position[v as usize] = i as u32;
     }
     position
-}
-
-/// The neighbours of each vertex in rising order.
-fn adjacency(vertices: usize, triangles: &[[u32; 3]]) -> Vec<Vec<u32>> {
-    let mut neighbours = vec![Vec::new(); vertices];
-    for t in triangles {
-        for k in 0..3 {
-            neighbours[t[k] as usize].extend([t[(k + 1) % 3], t[(k + 2) % 3]]);
-        }
-    }
-    for list in &mut neighbours {
-        list.sort_unstable();
-        list.dedup();
-    }
-    neighbours
 }
 
 /// The vertices reached from `start`, breadth first; of the new neighbours of a vertex, those of lower degree first.

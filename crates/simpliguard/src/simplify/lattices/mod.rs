@@ -7,6 +7,7 @@
 mod bars;
 mod lattice;
 mod part;
+mod segment;
 mod wires;
 
 use std::cmp::Reverse;

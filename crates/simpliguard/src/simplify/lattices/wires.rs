@@ -6,7 +6,9 @@ use std::collections::BinaryHeap;
 use glam::Vec3;
 
 use super::part::component;
+use super::segment::segment_distance;
 use crate::data::TriMesh;
+use crate::geometry::vertex_neighbours;
 
 /// A component of more triangles is worth faces of its own.
 const MOST_TRIANGLES: usize = 2000;
@@ -34,26 +36,14 @@ pub(super) fn straight_pieces(mesh: &TriMesh, triangles: &[u32], thickness: f32)
 
 /// The distances of all vertices from one that is at an end, along edges.
 fn distances_from_one_end(mesh: &TriMesh) -> Vec<f32> {
-    let edges = edges(mesh);
-    let from_anywhere = distances(mesh, &edges, 0);
+    let neighbours = vertex_neighbours(mesh.positions.len(), &mesh.triangles);
+    let from_anywhere = distances(mesh, &neighbours, 0);
     let end = (0..from_anywhere.len()).max_by(|&a, &b| from_anywhere[a].total_cmp(&from_anywhere[b])).unwrap_or(0);
-    distances(mesh, &edges, end)
-}
-
-/// For each vertex, those that an edge connects with it.
-fn edges(mesh: &TriMesh) -> Vec<Vec<u32>> {
-    let mut edges = vec![Vec::new(); mesh.positions.len()];
-    for &[a, b, c] in &mesh.triangles {
-        for [from, to] in [[a, b], [b, c], [c, a]] {
-            edges[from as usize].push(to);
-            edges[to as usize].push(from);
-        }
-    }
-    edges
+    distances(mesh, &neighbours, end)
 }
 
 /// Dijkstra's distances of all vertices from `start`.
-fn distances(mesh: &TriMesh, edges: &[Vec<u32>], start: usize) -> Vec<f32> {
+fn distances(mesh: &TriMesh, neighbours: &[Vec<u32>], start: usize) -> Vec<f32> {
     let mut distances = vec![f32::INFINITY; mesh.positions.len()];
     distances[start] = 0.0;
     // Distances are not negative, and so their bits are in the same order.
@@ -63,7 +53,7 @@ fn distances(mesh: &TriMesh, edges: &[Vec<u32>], start: usize) -> Vec<f32> {
         if distance > distances[vertex] {
             continue;
         }
-        for &next in &edges[vertex] {
+        for &next in &neighbours[vertex] {
             let further = distance + mesh.positions[vertex].distance(mesh.positions[next as usize]);
             if further < distances[next as usize] {
                 distances[next as usize] = further;
@@ -106,7 +96,7 @@ fn corners(line: &[LinePoint], tolerance: f32) -> Vec<usize> {
     let (mut corners, mut open) = (vec![0], vec![line.len() - 1]);
     while let Some(&last) = open.last() {
         let first = corners[corners.len() - 1];
-        let off = |i: &usize| segment_off(line[*i].position, [line[first].position, line[last].position]);
+        let off = |i: &usize| segment_distance([line[*i].position; 2], [line[first].position, line[last].position]);
         let furthest = (first + 1..last).max_by(|a, b| off(a).total_cmp(&off(b)));
         match furthest.filter(|i| off(i) > tolerance) {
             Some(corner) => open.push(corner),
@@ -114,13 +104,6 @@ fn corners(line: &[LinePoint], tolerance: f32) -> Vec<usize> {
         }
     }
     corners
-}
-
-/// Distance of a point from a segment.
-fn segment_off(point: Vec3, [from, to]: [Vec3; 2]) -> f32 {
-    let (along, offset) = (to - from, point - from);
-    let t = (offset.dot(along) / along.length_squared().max(f32::MIN_POSITIVE)).clamp(0.0, 1.0);
-    offset.distance(along * t)
 }
 
 #[cfg(test)]
@@ -191,7 +174,7 @@ pub(super) mod tests {
             triangles: vec![[0, 1, 2], [1, 3, 2]],
         };
         assert_eq!(
-            distances(&mesh, &edges(&mesh), 0),
+            distances(&mesh, &vertex_neighbours(4, &mesh.triangles), 0),
             [0.0, 1.0, std::f32::consts::SQRT_2, 1.0 + std::f32::consts::SQRT_2]
         );
     }
