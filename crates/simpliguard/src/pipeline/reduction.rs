@@ -16,8 +16,8 @@ const DECIBELS_PER_DRAW_CALL: f32 = 0.1;
 
 /// Decibels by which it must look more like the source, for each that it loses in its worst view.
 const WORST_VIEW: f32 = 3.0;
-/// Decibels by which it must look more like the source, for all pixels of a material that it shows wrongly and the other does
-/// not: a mangled pot in a large room is few pixels.
+/// Decibels by which it must look more like the source if it shows a whole material wrongly that the other shows rightly, and
+/// in proportion for a part of it. A mangled pot in a large room is few pixels.
 const WRONG_MATERIAL: f32 = 20.0;
 /// Decibels of a view in which nothing is missing.
 const SOUND_VIEW: f32 = 30.0;
