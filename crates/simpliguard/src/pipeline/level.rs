@@ -29,8 +29,10 @@ const FITTED_SIZE: usize = 512;
 const TRUST: f32 = 0.3;
 /// Relative score of a runner-up that may turn out better.
 const CLOSE_SCORE: f64 = 2.0;
-/// Difference in dB from which on an unrefined level is clearly better than another.
+/// Difference in dB from which on an unrefined level of the runner-up is clearly better than that of the best shape.
 const CLEARLY_BETTER: f32 = 0.5;
+/// The same from which on it is clearly worse.
+const CLEARLY_WORSE: f32 = 0.3;
 /// PSNR in dB with the vertices as given from which on they may be better left there. The views that move them are antialiased
 /// in another way than those of the level: beyond this, some steps fit that difference.
 const NEAR: f32 = 40.0;
@@ -44,21 +46,24 @@ impl Levels<'_> {
     pub(super) fn make(&self) -> Result<(Vec<Level>, Vec<LevelReport>), Error> {
         let levels = &self.shapes.solid.levels;
         self.run.expect_levels(levels.len());
-        let make = |i: usize| self.task(i, self.choose(i)?, self.run).make();
+        let make = |i: usize| {
+            let choice = self.choose(i)?;
+            Ok((choice.is_none(), self.task(i, choice.unwrap_or(Choice::Best), self.run).make()?))
+        };
         let made: Result<Vec<_>, Error> = (0..levels.len()).into_par_iter().map(make).collect();
-        let mut made = made?;
-        for i in 0..made.len() {
-            self.reconsider(i, &mut made)?;
+        let (are_open, mut made): (Vec<bool>, Vec<_>) = made?.into_iter().unzip();
+        for (i, is_open) in are_open.into_iter().enumerate() {
+            self.reconsider((i, is_open), &mut made)?;
         }
         Ok(made.into_iter().unzip())
     }
 
     /// The shape of a level. Scores are estimates: where two of them are close, both shapes get a texture, and the pictures
-    /// decide.
-    fn choose(&self, i: usize) -> Result<Choice, Error> {
+    /// decide. `None` where they are close, too.
+    fn choose(&self, i: usize) -> Result<Option<Choice>, Error> {
         let (budget, selected) = &self.shapes.solid.levels[i];
         if !is_close(selected) || self.pictures.is_none() {
-            return Ok(Choice::Best);
+            return Ok(Some(Choice::Best));
         }
         let (params, trial) = (self.params.draft(), self.run.trial());
         let key = self.shapes.solid.key.map(|shapes| choice_key(&shapes, &params, *budget));
@@ -66,20 +71,21 @@ impl Levels<'_> {
             let draft = Levels { params: &params, run: &trial, ..*self };
             let reached = |choice| draft.task(i, choice, &trial).make().map(|made| psnr(&made));
             let (best, runner_up) = rayon::join(|| reached(Choice::Best), || reached(Choice::RunnerUp));
-            Ok(runner_up? > best? + CLEARLY_BETTER)
+            let gain = runner_up? - best?;
+            Ok((gain > CLEARLY_BETTER || gain < -CLEARLY_WORSE).then_some(gain > 0.0))
         })?;
-        Ok(Choice::of(is_runner_up))
+        Ok(is_runner_up.map(Choice::of))
     }
 
-    /// A level that hardly looks like its source, or less so than a smaller level does, is made again from the other shape;
-    /// the better of the two stays.
-    fn reconsider(&self, i: usize, made: &mut [(Level, LevelReport)]) -> Result<(), Error> {
+    /// A level with an open choice is made again from the other shape, as is one that hardly looks like its source, or less so
+    /// than a smaller level does. The better of the two stays.
+    fn reconsider(&self, (i, is_open): (usize, bool), made: &mut [(Level, LevelReport)]) -> Result<(), Error> {
         let Selected { best, runner_up } = &self.shapes.solid.levels[i].1;
         if runner_up.is_none() || self.pictures.is_none() {
             return Ok(());
         }
         let (reached, smaller) = (psnr(&made[i]), made[..i].iter().map(psnr).fold(f32::NEG_INFINITY, f32::max));
-        if made[i].1.warning.is_none() && reached + LESS_LIKE >= smaller {
+        if !is_open && made[i].1.warning.is_none() && reached + LESS_LIKE >= smaller {
             return Ok(());
         }
         let other = if made[i].1.candidate == best.candidate.to_string() { Choice::RunnerUp } else { Choice::Best };

@@ -14,7 +14,7 @@ use super::store::{self, atlas_key, candidate_key, choice_key, form_key, shapes_
 use super::targets::Targets;
 use crate::data::Candidate;
 use crate::settings::{BakeSettings, Scope};
-use crate::simplify::Selected;
+use crate::simplify::{Selected, Shape};
 use crate::{Context, Error, Key, Source, StageId, StageStore};
 
 const SHAPES: &str = "selected shapes";
@@ -108,25 +108,37 @@ impl Finder<'_> {
         let (budget, selected) = &levels[i];
         let level = Some(i + 1);
         let mut all = Vec::new();
-        let mut choice = Some(Choice::Best);
+        let mut choices = vec![Choice::Best];
         if is_close(selected) {
             let key = choice_key(shapes, &self.params.draft(), *budget);
-            choice = self.run.get(&key).map(Choice::of);
             all.push(StageObject { level, ..self.known(StageId::Texture, "choice of the shape", key) });
+            let Some(is_runner_up) = self.run.get::<Option<bool>>(&key) else {
+                all.extend(of_level(level, self.params, StageId::Texture));
+                return all;
+            };
+            // Where it is open, the level is made from both.
+            choices = is_runner_up.map_or(vec![Choice::Best, Choice::RunnerUp], |is| vec![Choice::of(is)]);
         }
-        let Some(choice) = choice else {
-            all.extend(of_level(level, self.params, StageId::Texture));
-            return all;
-        };
-        let (shape, is_runner_up) = choice.shape(selected);
+        all.extend(choices.into_iter().flat_map(|choice| self.of_shape(shapes, (i, *budget), choice.shape(selected))));
+        all
+    }
+
+    /// The objects of a level that is made from a shape.
+    fn of_shape(
+        &self,
+        shapes: &Key,
+        (i, budget): (usize, u32),
+        (shape, is_runner_up): (&Shape, bool),
+    ) -> Vec<StageObject> {
+        let level = Some(i + 1);
         let view = level_view(i, (shape, std::iter::empty()), self.source.deviation_metric.diagonal());
-        let params = self.params.level(*budget, view);
+        let params = self.params.level(budget, view);
         let solid = (&shape.mesh, &self.source.index.sphere, shape.double_sided);
         let (mesh, densities) = charted(std::iter::once(solid), self.run.cancellation());
         let atlas = atlas_key(&mesh, &densities, &params.unwrap);
-        all.push(StageObject { level, ..self.known(StageId::Unwrap, ATLAS, atlas) });
+        let mut all = vec![StageObject { level, ..self.known(StageId::Unwrap, ATLAS, atlas) }];
         if may_move(shape, &params) {
-            let vertices = vertices_key(shapes, &params, *budget, is_runner_up);
+            let vertices = vertices_key(shapes, &params, budget, is_runner_up);
             all.push(StageObject { level, ..self.known(StageId::Refine, VERTICES, vertices) });
         }
         all

@@ -27,6 +27,10 @@ const TWIG_SIZE: f32 = 0.6;
 const TWIG_OPACITY: f32 = 0.85;
 /// Least flatness of a leaf, more than that of a tube: petals and blades of grass are bent.
 const FLATNESS: f64 = 0.6;
+/// Largest extent of a needle, and its least flatness, between those of a ball and of a tube: a card shows tubes that small as
+/// well as it shows leaves.
+const NEEDLE_SIZE: f32 = 0.15;
+const NEEDLE_FLATNESS: f64 = 0.4;
 /// Fewest leaves of a foliage.
 const LEAVES: usize = 100;
 /// Least fraction of the visible pixels that leaves cover.
@@ -150,10 +154,15 @@ impl Foliage {
     }
 }
 
-/// True if a component is a leaf: small and flat, or small and cut out. `radius` is that of the bounding sphere of the source.
+/// True if a component is a leaf: small and flat, a needle, or small and cut out. `radius` is that of the bounding sphere of the
+/// source.
 fn is_leaf(triangles: &[[Vec3; 3]], is_cut_out: bool, radius: f32) -> bool {
     let size = size(triangles.as_flattened());
-    if is_cut_out { size <= TWIG_SIZE * radius } else { size <= LEAF_SIZE * radius && flatness(triangles) >= FLATNESS }
+    if is_cut_out {
+        return size <= TWIG_SIZE * radius;
+    }
+    let least = if size <= NEEDLE_SIZE * radius { NEEDLE_FLATNESS } else { FLATNESS };
+    size <= LEAF_SIZE * radius && flatness(triangles) >= least
 }
 
 /// How flat triangles are together: 1 in a plane, 1/2 around a tube, 1/3 around a ball.
@@ -198,11 +207,13 @@ mod tests {
 
     #[test]
     fn leaves_are_small_and_flat_or_small_and_cut_out() {
-        // The diagonal of the bent blade's bounding box is between 2.1 and 2.3.
+        // The diagonal of the bent blade's bounding box is between 2.1 and 2.3, that of the folded one between 1.7 and 1.8.
         let (bent, folded) = (blade(0.6), blade(std::f32::consts::FRAC_PI_2));
         assert!(is_leaf(&bent, false, 10.0) && !is_leaf(&folded, false, 10.0));
         assert!(is_leaf(&bent, true, 10.0) && is_leaf(&folded, true, 10.0));
         assert!(!is_leaf(&bent, false, 8.0) && is_leaf(&bent, true, 8.0));
         assert!(!is_leaf(&bent, true, 3.0));
+        // Folded by a right angle, it is a needle in a larger source.
+        assert!(!is_leaf(&folded, false, 11.0) && is_leaf(&folded, false, 12.0));
     }
 }

@@ -64,6 +64,16 @@ export class Figure {
     }
   }
 
+  // Where the model is: the mean place of its bones, or else of its meshes.
+  place() {
+    this.root.updateMatrixWorld(true);
+    const bones = this.meshes.flatMap((mesh) => mesh.skeleton?.bones ?? []);
+    const parts = bones.length > 0 ? bones : this.meshes;
+    const sum = new Vector3();
+    for (const { matrixWorld } of parts) sum.add(new Vector3().setFromMatrixPosition(matrixWorld));
+    return sum.divideScalar(Math.max(1, parts.length));
+  }
+
   light(isLit) {
     for (const mesh of this.meshes) mesh.material = isLit ? mesh.userData.lit : mesh.userData.unlit;
   }
