@@ -72,7 +72,8 @@ impl Levels<'_> {
             let reached = |choice| draft.task(i, choice, &trial).make().map(|made| psnr(&made));
             let (best, runner_up) = rayon::join(|| reached(Choice::Best), || reached(Choice::RunnerUp));
             let gain = runner_up? - best?;
-            Ok((gain > CLEARLY_BETTER || gain < -CLEARLY_WORSE).then_some(gain > 0.0))
+            let is_clear = !(-CLEARLY_WORSE..=CLEARLY_BETTER).contains(&gain);
+            Ok(is_clear.then_some(gain > 0.0))
         })?;
         Ok(is_runner_up.map(Choice::of))
     }
