@@ -16,9 +16,11 @@ const DECIBELS_PER_DRAW_CALL: f32 = 0.1;
 
 /// Decibels by which it must look more like the source, for each that it loses in its worst view.
 const WORST_VIEW: f32 = 3.0;
+/// Decibels by which it may look less like the source, for each that it gains in its worst view.
+const BETTER_WORST_VIEW: f32 = 0.25;
 /// Decibels by which it must look more like the source if it shows a whole material wrongly that the other shows rightly, and
 /// in proportion for a part of it. A mangled pot in a large room is few pixels.
-const WRONG_MATERIAL: f32 = 20.0;
+const WRONG_MATERIAL: f32 = 10.0;
 /// Decibels of a view in which nothing is missing.
 const SOUND_VIEW: f32 = 30.0;
 
@@ -88,10 +90,11 @@ fn keep_better(maker: &LevelMaker<'_>, attempt: Attempt<'_>, reduced: &Reduced, 
     let report = LevelReport { likeness: Some(likeness), ..report };
     let gain = report.mean_psnr() - there_report.mean_psnr();
     // Walls that are exact in most views must not hide bars that are missing in one.
-    let loss = (there_report.worst_psnr().min(SOUND_VIEW) - report.worst_psnr()).max(0.0);
+    let loss = there_report.worst_psnr().min(SOUND_VIEW) - report.worst_psnr().min(SOUND_VIEW);
+    let of_worst_view = if loss > 0.0 { WORST_VIEW * loss } else { BETTER_WORST_VIEW * loss };
     let wrong = (report.wrong_share() - there_report.wrong_share()).max(0.0);
     tracing::debug!(budget = report.budget, gain, draw_calls, wrong, cards = report.lattices, "reduction");
-    if gain > DECIBELS_PER_DRAW_CALL * draw_calls as f32 + WORST_VIEW * loss + WRONG_MATERIAL * wrong {
+    if gain > DECIBELS_PER_DRAW_CALL * draw_calls as f32 + of_worst_view + WRONG_MATERIAL * wrong {
         let warning = maker.params.gate.warning(&report);
         (made.levels[attempt.level], made.reports[attempt.level]) = (level, LevelReport { warning, ..report });
     }
