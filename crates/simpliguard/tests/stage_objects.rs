@@ -140,6 +140,11 @@ fn settings() -> BakeSettings {
     }
 }
 
+/// A second candidate, whose shapes look like the first one's: the levels are made from both.
+fn with_two_candidates() -> BakeSettings {
+    BakeSettings { candidates: Candidates::All, ..settings() }
+}
+
 /// Bakes with a store and without: both must be equal.
 fn assert_as_cold(ball: &Ball, settings: &BakeSettings, store: &Store) -> Counts {
     store.counts();
@@ -181,12 +186,17 @@ fn a_saved_texture_finds_the_roads_again() {
     let counts = assert_as_cold(&Ball::new([0, 200, 0]), &settings(), &store);
     // The candidate and the atlases are found. What wins is judged anew, and the vertices move anew.
     assert_eq!(counts, Counts { found: 3, stored: 5 });
+    let store = Store::default();
+    Ball::new([200, 0, 0]).bake(&with_two_candidates(), Some(&store));
+    let counts = assert_as_cold(&Ball::new([0, 200, 0]), &with_two_candidates(), &store);
+    // Both candidates; an atlas is made for what was no choice before.
+    assert!(counts.found >= 2 && counts.found + counts.stored == 17, "{counts:?}");
 }
 
 #[test]
 fn levels_with_an_open_choice_are_made_from_both_shapes_and_found_again() {
     let (ball, store) = (Ball::new([200, 0, 0]), Store::default());
-    let settings = BakeSettings { candidates: Candidates::All, ..settings() };
+    let settings = with_two_candidates();
     // Two candidates and the shapes they lead to; for each level the choice, and an atlas and the vertices of both shapes, these
     // twice.
     assert_eq!(assert_as_cold(&ball, &settings, &store), Counts { found: 0, stored: 17 });
@@ -238,15 +248,16 @@ fn levels_are_shown_before_their_descent_where_their_shapes_are_known() {
 fn a_change_of_form_finds_nothing() {
     let store = Store::default();
     let mut ball = Ball::new([200, 0, 0]);
-    ball.bake(&settings(), Some(&store));
+    ball.bake(&with_two_candidates(), Some(&store));
     let mut bin = ball.bin.to_vec();
     // The y of a vertex at the equator.
     let at = 12 * (12 * (RINGS as usize + 1) + 3) + 4;
     bin[at..at + 4].copy_from_slice(&0.5f32.to_le_bytes());
     ball.bin = bin.into();
-    assert_eq!(assert_as_cold(&ball, &settings(), &store), Counts { found: 0, stored: 8 });
+    // The choice of one of the two levels is open.
+    assert_eq!(assert_as_cold(&ball, &with_two_candidates(), &store), Counts { found: 0, stored: 14 });
     // Nor does a setting that all candidates read.
-    let changed = BakeSettings { visible_weight: 0.5, ..settings() };
+    let changed = BakeSettings { visible_weight: 0.5, ..with_two_candidates() };
     assert_eq!(assert_as_cold(&ball, &changed, &store).found, 0);
 }
 

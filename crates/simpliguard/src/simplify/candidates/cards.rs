@@ -1,4 +1,4 @@
-//! Foliage: thousands of small flat components become a few hundred cards, after billboard clouds (Décoret et al.
+//! Foliage: thousands of small flat components, or of needles, become a few hundred cards, after billboard clouds (Décoret et al.
 //! 2003).
 //!
 //! An opaque low-poly surface around a crown of leaves is a blob. Instead, leaves that lie near one plane are grouped, and

@@ -11,8 +11,8 @@ const BACKGROUND = new Color(0xd9d9d9);
 // Below this width in pixels, the level stands below the source.
 const NARROW = 560;
 const FIELD_OF_VIEW = 35;
-// A clip may move the model by this fraction of its radius until the camera goes along.
-const LEASH = 0.25;
+// A clip may move the model by this fraction of its radius before the camera tracks it.
+const DEAD_ZONE = 0.25;
 
 export class Stage {
   constructor() {
@@ -174,7 +174,7 @@ export class Stage {
     this.camera.position.copy(center).add(new Vector3(0.6, 0.35, 0.8).normalize().multiplyScalar(distance));
     this.controls.target.copy(center);
     this.home = this.figures.get(0).place();
-    this.leash = LEASH * size;
+    this.deadZone = DEAD_ZONE * size;
     this.carried = new Vector3();
     this.controls.minDistance = size * 0.1;
     this.controls.maxDistance = distance * 6;
@@ -188,15 +188,15 @@ export class Stage {
       this.clock += passed;
       for (const figure of this.shown()) figure.at(this.clock);
     }
-    this.goAlong();
+    this.track();
     this.controls.update(passed);
     this.draw();
   }
 
-  // The camera goes along with a model that a clip carries away, and comes back with it.
-  goAlong() {
+  // The camera tracks a model that a clip carries away, and comes back with it.
+  track() {
     const away = this.figures.get(0).place().sub(this.home);
-    const beyond = Math.max(0, away.length() - this.leash);
+    const beyond = Math.max(0, away.length() - this.deadZone);
     const step = away.setLength(beyond).sub(this.carried);
     this.camera.position.add(step);
     this.controls.target.add(step);
