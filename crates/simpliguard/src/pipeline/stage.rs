@@ -25,7 +25,7 @@ pub const STAGES: [Stage; 10] = [
     once(StageId::Import, 2, 2, "glTF to one surface in world space"),
     once(StageId::Views, 1, 8, "views of the source, at rest and in its poses"),
     once(StageId::Reconstruct, 2, 4, "watertight manifold around the source"),
-    once(StageId::Simplify, 12, 16, "candidates collapsed to the budgets, the best selected"),
+    once(StageId::Simplify, 13, 16, "candidates collapsed to the budgets, the best selected"),
     per_level(StageId::Unwrap, 1, 3, "charts, least squares conformal maps, packing"),
     per_level(StageId::Skinning, 1, 3, "influences from the source's skeleton"),
     per_level(StageId::Texture, 1, 4, "initial texture baked from the source"),

@@ -322,7 +322,7 @@ mod tests {
         ];
         assert_eq!(
             (PIPELINE_VERSION, keys.map(|key| key.hex()[..16].to_owned())),
-            ("28", ["6e14d1259c551644", "449243a25da736c6"].map(str::to_owned))
+            ("29", ["82c9b274ba6907c6", "f19fda2ca2356f43"].map(str::to_owned))
         );
     }
 }

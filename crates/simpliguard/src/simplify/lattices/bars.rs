@@ -9,8 +9,9 @@ use crate::simplify::oriented_box::OrientedBox;
 
 /// Fewest bars of a lattice.
 const BARS: usize = 12;
-/// Largest distance of a bar's ends from the plane, as a fraction of the radius of the bounding sphere.
-const OFF_PLANE: f32 = 0.035;
+/// Largest distance of a bar's ends from the plane, as a fraction of the radius of the bounding sphere. The larger one counts
+/// where the smaller one leaves no lattice: spokes lie on a cone, but the layers of a truss are planes of their own.
+const OFF_PLANE: [f32; 2] = [0.02, 0.035];
 /// Planes are fitted to their bars so many times.
 const FITS: usize = 4;
 /// Largest distance between the axes of bars that belong together, in the same measure.
@@ -37,7 +38,7 @@ pub(super) fn planes_of_bars(bars: &[Part], radius: f32, most: usize) -> Vec<Lat
     }
     let mut planes = Planes { bars, radius, beside: beside(bars, GAP * radius), free: (0..bars.len()).collect() };
     while lattices.len() < most && planes.free.len() >= BARS {
-        let Some(members) = planes.best() else { break };
+        let Some(members) = OFF_PLANE.into_iter().find_map(|off_plane| planes.best(off_plane * radius)) else { break };
         let mut triangles: Vec<u32> = members.iter().flat_map(|&m| bars[m].triangles.iter().copied()).collect();
         triangles.sort_unstable();
         lattices.push(Lattice { triangles, bars: members.len() as u32 });
@@ -72,13 +73,13 @@ struct Planes<'a> {
 }
 
 impl Planes<'_> {
-    /// The bars of the plane with the most triangles.
-    fn best(&self) -> Option<Vec<usize>> {
+    /// The bars of the plane with the most triangles. Their ends are within `off_plane` of it.
+    fn best(&self, off_plane: f32) -> Option<Vec<usize>> {
         let stride = self.free.len().div_ceil(SEEDS);
         let mut best: Option<(usize, Vec<usize>)> = None;
         for &seed in self.free.iter().step_by(stride) {
             for normal in self.normals(seed) {
-                let (members, normal) = self.fitted(seed, normal);
+                let (members, normal) = self.fitted(seed, normal, off_plane);
                 // What belongs together is at most all of it.
                 let least = best.as_ref().map_or(0, |best| best.0);
                 if members.len() < BARS || self.triangles(&members) <= least {
@@ -131,14 +132,14 @@ impl Planes<'_> {
     }
 
     /// The bars of a plane through a bar that is fitted to them, and its normal.
-    fn fitted(&self, seed: usize, normal: Vec3) -> (Vec<usize>, Vec3) {
-        let mut best = (self.in_plane(seed, (self.bars[seed].around.centre, normal)), normal);
+    fn fitted(&self, seed: usize, normal: Vec3, off_plane: f32) -> (Vec<usize>, Vec3) {
+        let mut best = (self.in_plane(seed, (self.bars[seed].around.centre, normal), off_plane), normal);
         for _ in 0..FITS {
             if best.0.len() < BARS {
                 break;
             }
             let plane = self.plane_of(&best.0);
-            let members = self.in_plane(seed, plane);
+            let members = self.in_plane(seed, plane, off_plane);
             if members.binary_search(&seed).is_err() || self.triangles(&members) <= self.triangles(&best.0) {
                 break;
             }
@@ -155,8 +156,8 @@ impl Planes<'_> {
     }
 
     /// The free bars on the bone of a bar in a plane, ascending.
-    fn in_plane(&self, seed: usize, (origin, normal): (Vec3, Vec3)) -> Vec<usize> {
-        let is_near = |end: Vec3| (end - origin).dot(normal).abs() <= OFF_PLANE * self.radius;
+    fn in_plane(&self, seed: usize, (origin, normal): (Vec3, Vec3), off_plane: f32) -> Vec<usize> {
+        let is_near = |end: Vec3| (end - origin).dot(normal).abs() <= off_plane;
         self.of_bone(seed).filter(|&i| self.bars[i].ends().into_iter().all(is_near)).collect()
     }
 

@@ -183,6 +183,16 @@ mod tests {
     }
 
     #[test]
+    fn layers_of_bars_are_a_lattice_each() {
+        let mut surface = cube_and_bars(16);
+        for i in 0..16 {
+            let x = 1.5 + i as f32 * 0.05;
+            add_box(&mut surface, Vec3::new(x, -0.5, 0.06), Vec3::new(x + 0.01, 0.5, 0.07));
+        }
+        assert_eq!(find(&surface), [16 * 12; 2]);
+    }
+
+    #[test]
     fn spokes_that_bend_at_the_rim_are_a_lattice_on_each_side_of_the_wheel() {
         let mut surface = Surface::default();
         for i in 0..24 {
