@@ -48,6 +48,20 @@ fn the_model_comes_at_once_and_its_levels_follow() {
     third.quit_without_bakes();
 }
 
+/// Bevy reads no compressed geometry. The game shows the model decoded.
+#[test]
+fn a_compressed_model_comes_at_once_too() {
+    let project = with_globe();
+    let (mut json, _) = globe(40);
+    json["extensionsRequired"] = serde_json::json!(["EXT_meshopt_compression"]);
+    project.save("assets/globe.gltf", json.to_string());
+    let mut game = project.run();
+    game.wait_for_levels("globe.gltf", 0);
+    game.wait_for_levels("globe.gltf", 2);
+    assert_eq!((game.count("started"), game.count("load failed")), (1, 0));
+    game.quit();
+}
+
 /// Textures of source and levels lie in blocks where the game imports them, unless a setting says otherwise.
 #[test]
 fn textures_of_a_processed_file_lie_in_blocks() {

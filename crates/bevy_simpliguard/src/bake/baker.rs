@@ -10,8 +10,8 @@ use bevy::asset::io::AssetSourceId;
 use bevy::platform::collections::HashSet;
 use bevy::prelude::*;
 use bytes::Bytes;
-use simpliguard::settings::{CacheSettings, Layer, Origin, ProjectFile, parse_meta, resolve};
-use simpliguard::{Error, Key};
+use simpliguard::settings::{BakeSettings, CacheSettings, Layer, Origin, ProjectFile, parse_meta, resolve};
+use simpliguard::{Context, Error, Key};
 use simpliguard_bake::{CachePlace, CachedBake, OutsideProject, Parts, look_up, open_cache};
 use simpliguard_cache::Cache;
 
@@ -164,13 +164,14 @@ impl Baker {
         }
     }
 
-    /// The file that a game gets until the levels are there: the model itself. If Bevy cannot load it, the last levels.
+    /// The file that a game gets until the levels are there: the model itself. If Bevy cannot load it, the last levels, or
+    /// the model decoded.
     fn meanwhile(&self, path: &AssetPath<'static>, input: &Input) -> Bytes {
         let source = input.files.bytes();
-        match gltf::Gltf::from_slice(source) {
-            Ok(_) => source.clone(),
-            Err(_) => self.last_good(path, input).unwrap_or_else(|| source.clone()),
+        if gltf::Gltf::from_slice(source).is_ok() {
+            return source.clone();
         }
+        self.last_good(path, input).or_else(|| decoded(input)).unwrap_or_else(|| source.clone())
     }
 
     fn last_good(&self, path: &AssetPath<'static>, input: &Input) -> Option<Bytes> {
@@ -181,6 +182,13 @@ impl Baker {
         info!("{path}: keeps its last levels");
         Some(result.combined.into())
     }
+}
+
+/// A model as it is, in one file, without compression of its geometry and textures. `None` if it cannot be read.
+fn decoded(input: &Input) -> Option<Bytes> {
+    let as_it_is = BakeSettings { enabled: false, ..BakeSettings::default() };
+    let baked = simpliguard::bake(&input.files.source(), &as_it_is, &Context::default()).ok()?;
+    Some(baked.glb.into())
 }
 
 /// A path with `/` between its parts.
