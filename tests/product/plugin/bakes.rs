@@ -53,7 +53,7 @@ fn the_model_comes_at_once_and_its_levels_follow() {
 fn a_compressed_model_comes_at_once_too() {
     let project = with_globe();
     let (mut json, _) = globe(40);
-    json["extensionsRequired"] = serde_json::json!(["EXT_meshopt_compression"]);
+    json["extensionsRequired"] = serde_json::json!(["KHR_draco_mesh_compression"]);
     project.save("assets/globe.gltf", json.to_string());
     let mut game = project.run();
     game.wait_for_levels("globe.gltf", 0);
