@@ -34,6 +34,8 @@ pub(super) struct Baker {
     pub(super) cache_dir: Option<PathBuf>,
     /// Memory in bytes that one bake may take.
     pub(super) memory: u64,
+    /// Bakes run in processes of their own.
+    pub(super) isolate: bool,
     pub(super) journal: Journal,
     pub(super) attempts: Attempts,
     pub(super) activity: Arc<ProcessorActivity>,
@@ -171,7 +173,22 @@ impl Baker {
         if gltf::Gltf::from_slice(source).is_ok() {
             return source.clone();
         }
-        self.last_good(path, input).or_else(|| decoded(input)).unwrap_or_else(|| source.clone())
+        self.last_good(path, input).or_else(|| self.decoded(path, input)).unwrap_or_else(|| source.clone())
+    }
+
+    /// A model as it is, in one file, without compression of its geometry and textures. `None` if it cannot be read, or may
+    /// not be read here: like a bake, it may end the game.
+    fn decoded(&self, path: &AssetPath<'static>, input: &Input) -> Option<Bytes> {
+        if self.isolate {
+            return None;
+        }
+        let (source, settings) = (input.files.source(), BakeSettings { enabled: false, ..BakeSettings::default() });
+        let key = CachedBake::new(input.files.source(), &settings, Parts::Combined, None).ok()?.key();
+        self.attempts.begin(&path.to_string(), key).ok()?;
+        let context = Context { memory: Some(self.memory), ..Context::default() };
+        let baked = simpliguard::bake(&source, &settings, &context);
+        self.attempts.end(key);
+        Some(baked.ok()?.glb.into())
     }
 
     fn last_good(&self, path: &AssetPath<'static>, input: &Input) -> Option<Bytes> {
@@ -182,13 +199,6 @@ impl Baker {
         info!("{path}: keeps its last levels");
         Some(result.combined.into())
     }
-}
-
-/// A model as it is, in one file, without compression of its geometry and textures. `None` if it cannot be read.
-fn decoded(input: &Input) -> Option<Bytes> {
-    let as_it_is = BakeSettings { enabled: false, ..BakeSettings::default() };
-    let baked = simpliguard::bake(&input.files.source(), &as_it_is, &Context::default()).ok()?;
-    Some(baked.glb.into())
 }
 
 /// A path with `/` between its parts.

@@ -145,11 +145,13 @@ fn start(options: &BakeOptions, app: &mut App, processor: AssetProcessor, folder
     if let Err(error) = sources::remove_stale(&journal) {
         warn!("sources of models that are gone take space: {error}");
     }
+    let isolate = options.isolate.or(configured.isolate).unwrap_or(false);
     let baker = Arc::new(Baker {
         attempts: Attempts::new(journal.attempts()),
         mode,
         cache_dir: options.cache_dir.clone(),
         memory: options.memory.unwrap_or_else(simpliguard_bake::default_memory),
+        isolate,
         journal,
         activity: folders.activity().clone(),
         project: Project::new(options.profile.clone()),
@@ -167,7 +169,7 @@ fn start(options: &BakeOptions, app: &mut App, processor: AssetProcessor, folder
     let share = Share {
         threads: threads(options, &configured, mode),
         priority: priority(options, &configured, mode),
-        isolate: options.isolate.or(configured.isolate).unwrap_or(false),
+        isolate,
         processor: processor_of(options, &configured, mode),
     };
     if let Err(error) = worker::start(&baker, &files, share) {
