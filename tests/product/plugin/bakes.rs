@@ -1,8 +1,14 @@
 //! What is baked when, and what the game shows meanwhile.
 
+use std::cell::RefCell;
+use std::collections::BTreeSet;
 use std::fs;
+use std::io::Cursor;
 use std::path::Path;
 use std::time::Duration;
+
+use image::{ImageFormat, Rgb, RgbImage};
+use serde_json::json;
 
 use super::model::{globe, globe_glb, png};
 use super::project::{Project, files_below};
@@ -48,17 +54,35 @@ fn the_model_comes_at_once_and_its_levels_follow() {
     third.quit_without_bakes();
 }
 
-/// Bevy reads no compressed geometry. The game shows the model decoded.
+/// Bevy reads no compressed geometry, and WebP only with a feature. The game shows the models decoded.
 #[test]
-fn a_compressed_model_comes_at_once_too() {
-    let project = with_globe();
-    let (mut json, _) = globe(40);
-    json["extensionsRequired"] = serde_json::json!(["KHR_draco_mesh_compression"]);
-    project.save("assets/globe.gltf", json.to_string());
+fn compressed_models_come_at_once_too() {
+    let project = Project::new();
+    let (globe, bin) = globe(40);
+    project.save("assets/globe.bin", bin);
+    project.save("assets/globe.png", png([200, 30, 30]));
+    let mut webp = Cursor::new(Vec::new());
+    RgbImage::from_pixel(4, 4, Rgb([200, 30, 30])).write_to(&mut webp, ImageFormat::WebP).expect("an image");
+    project.save("assets/globe.webp", webp.into_inner());
+
+    let (mut draco, mut plain) = (globe.clone(), globe);
+    draco["extensionsRequired"] = json!(["KHR_draco_mesh_compression"]);
+    plain["images"] = json!([{ "uri": "globe.webp" }]);
+    let mut extended = plain.clone();
+    extended["textures"] = json!([{ "extensions": { "EXT_texture_webp": { "source": 0 } } }]);
+    let files = [("draco.gltf", draco), ("plain.gltf", plain), ("extended.gltf", extended)];
+    for (name, file) in &files {
+        project.save(&format!("assets/{name}"), file.to_string());
+    }
     let mut game = project.run();
-    game.wait_for_levels("globe.gltf", 0);
-    game.wait_for_levels("globe.gltf", 2);
-    assert_eq!((game.count("started"), game.count("load failed")), (1, 0));
+    let shown = RefCell::new(BTreeSet::new());
+    game.wait("each model without and with levels", |r| {
+        if r["what"] == "loaded" {
+            shown.borrow_mut().insert((r["path"].to_string(), r["levels"].to_string()));
+        }
+        shown.borrow().len() == 2 * files.len()
+    });
+    assert_eq!((game.count("started"), game.count("load failed")), (files.len(), 0));
     game.quit();
 }
 

@@ -7,6 +7,7 @@ use std::time::Duration;
 
 use bevy::asset::AssetPath;
 use bevy::asset::io::AssetSourceId;
+use bevy::image::ImageFormat;
 use bevy::platform::collections::HashSet;
 use bevy::prelude::*;
 use bytes::Bytes;
@@ -25,6 +26,9 @@ use super::queue::{Job, Queue};
 use super::request::BakeRequest;
 use super::sources::processed_file;
 use crate::options::BakeMode;
+
+/// The MIME type of WebP images.
+const WEBP: &str = "image/webp";
 
 /// The state that the bakes of all models of a game share.
 pub(super) struct Baker {
@@ -170,7 +174,7 @@ impl Baker {
     /// the model decoded.
     fn meanwhile(&self, path: &AssetPath<'static>, input: &Input) -> Bytes {
         let source = input.files.bytes();
-        if gltf::Gltf::from_slice(source).is_ok() {
+        if gltf::Gltf::from_slice(source).is_ok_and(|file| file.textures().all(|texture| is_loadable(&texture))) {
             return source.clone();
         }
         self.last_good(path, input).or_else(|| self.decoded(path, input)).unwrap_or_else(|| source.clone())
@@ -183,7 +187,7 @@ impl Baker {
             return None;
         }
         let (source, settings) = (input.files.source(), BakeSettings { enabled: false, ..BakeSettings::default() });
-        let key = CachedBake::new(input.files.source(), &settings, Parts::Combined, None).ok()?.key();
+        let key = CachedBake::new(source, &settings, Parts::Combined, None).ok()?.key();
         self.attempts.begin(&path.to_string(), key).ok()?;
         let context = Context { memory: Some(self.memory), ..Context::default() };
         let baked = simpliguard::bake(&source, &settings, &context);
@@ -199,6 +203,15 @@ impl Baker {
         info!("{path}: keeps its last levels");
         Some(result.combined.into())
     }
+}
+
+/// False for a WebP image, unless the game has Bevy's feature for it.
+fn is_loadable(texture: &gltf::Texture<'_>) -> bool {
+    let is_webp = match texture.source().source() {
+        gltf::image::Source::View { mime_type, .. } => mime_type == WEBP,
+        gltf::image::Source::Uri { uri, mime_type } => mime_type == Some(WEBP) || uri.ends_with(".webp"),
+    };
+    !is_webp || ImageFormat::from_mime_type(WEBP).is_some()
 }
 
 /// A path with `/` between its parts.

@@ -8,8 +8,8 @@ use glam::Mat4;
 /// The source glTF itself: its JSON, and every byte that the JSON refers to, read and checked.
 #[derive(Clone, Debug, Default)]
 pub struct Document {
-    /// The JSON of the file. Compressed buffer views, geometry, KTX2 images and images in blocks are replaced by the
-    /// decoded ones.
+    /// The JSON of the file. Compressed buffer views, geometry, KTX2 and WebP images and images in blocks are
+    /// replaced by the decoded ones.
     pub json: serde_json::Value,
     /// One entry per glTF buffer, at least `byteLength` long.
     pub buffers: Vec<Bytes>,

@@ -14,12 +14,12 @@ use crate::data::Texture;
 use crate::{Error, StageId};
 
 /// Most memory for the metadata in front of the pixels, in bytes.
-const HEADER_BYTES: u64 = 64 << 20;
+pub(super) const HEADER_BYTES: u64 = 64 << 20;
 /// The largest side of an image in texels: no graphics card takes more.
 pub(super) const LONGEST_SIDE: u32 = 16_384;
 
 /// Images that are decoded at the same time, as an estimate.
-const AT_ONCE: usize = 8;
+pub(super) const AT_ONCE: usize = 8;
 /// Bytes of three texels of a texture with its mip chain.
 const THREE_TEXELS: u64 = 16;
 /// Bytes of a texel as RGBA.
@@ -133,7 +133,9 @@ fn undecodable_ktx2(reader: Reader<'_>, image: usize, reason: &str) -> Error {
 
 /// Width times height, and the bytes of a stored texel, from the image's header.
 fn size(reader: Reader<'_>, encoded: &Encoded) -> Result<(u64, u64), Error> {
-    let decoder = open(encoded, HEADER_BYTES).into_decoder().map_err(|error| undecodable(reader, encoded, &error))?;
+    let decoder = open(&encoded.bytes, encoded.format, HEADER_BYTES)
+        .into_decoder()
+        .map_err(|error| undecodable(reader, encoded, &error))?;
     let (width, height) = decoder.dimensions();
     if width == 0 || height == 0 {
         return Err(reader.asset.invalid(format!("{} has no texels", encoded.label)));
@@ -145,17 +147,18 @@ fn size(reader: Reader<'_>, encoded: &Encoded) -> Result<(u64, u64), Error> {
 
 /// The image as 8 bit RGBA.
 fn pixels(reader: Reader<'_>, encoded: &Encoded) -> Result<RgbaImage, Error> {
-    open(encoded, 2 * encoded.decoding_bytes() + HEADER_BYTES)
+    open(&encoded.bytes, encoded.format, 2 * encoded.decoding_bytes() + HEADER_BYTES)
         .into_decoder()
         .and_then(DynamicImage::from_decoder)
         .map(DynamicImage::into_rgba8)
         .map_err(|error| undecodable(reader, encoded, &error))
 }
 
-fn open(encoded: &Encoded, most_bytes: u64) -> ImageReader<Cursor<&[u8]>> {
+/// A reader that takes no more memory than `most_bytes`.
+pub(super) fn open(bytes: &[u8], format: ImageFormat, most_bytes: u64) -> ImageReader<Cursor<&[u8]>> {
     let mut limits = image::Limits::default();
     limits.max_alloc = Some(most_bytes);
-    let mut reader = ImageReader::with_format(Cursor::new(&encoded.bytes[..]), encoded.format);
+    let mut reader = ImageReader::with_format(Cursor::new(bytes), format);
     reader.limits(limits);
     reader
 }

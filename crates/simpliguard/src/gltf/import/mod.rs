@@ -17,7 +17,6 @@
 
 mod accessor;
 mod asset;
-mod basisu;
 mod blocks;
 mod clean;
 mod clips;
@@ -41,6 +40,8 @@ mod resources;
 mod schema;
 mod skeleton;
 mod surface;
+mod transcode;
+mod webp;
 
 #[cfg(test)]
 mod tests;
@@ -171,8 +172,8 @@ struct Loaded {
     block_bytes: BTreeMap<usize, u64>,
 }
 
-/// Reads the JSON and the files it refers to. Compressed buffer views, geometry, KTX2 images and images in blocks are
-/// decoded; the JSON then describes the decoded ones.
+/// Reads the JSON and the files it refers to. Compressed buffer views, geometry, KTX2 and WebP images and images in blocks
+/// are decoded; the JSON then describes the decoded ones.
 fn load(asset: Asset<'_>, source: &Source<'_>) -> Result<Loaded, Error> {
     let Container { mut json, bin } = container::parse(asset, source.bytes)?;
     let mut loader = Loader::new(asset, source);
@@ -180,16 +181,16 @@ fn load(asset: Asset<'_>, source: &Source<'_>) -> Result<Loaded, Error> {
     extensions::check_required(asset, &root.extensions_required)?;
     let mut buffers = loader.buffers(&root, bin)?;
     let mut images = loader.images(&root)?;
-    let has_meshopt = meshopt::is_used(&root);
+    let has_meshopt = meshopt::is_declared(&root);
     if has_meshopt {
         meshopt::decode(asset, &root, &mut buffers)?;
     }
     let geometry = draco::decode(asset, &root, &buffers)?;
     let reader = Reader { asset, root: &root, buffers: &buffers };
-    let ktx2 = basisu::decode(reader, &images)?;
+    let pngs = transcode::decode(reader, &images)?;
     let in_blocks = blocks::decode(reader, &json)?;
     let has_draco = draco::is_required(&root) || !geometry.is_empty();
-    let has_basisu = basisu::is_used(&root) || !ktx2.is_empty();
+    let has_pngs = transcode::is_used(&root) || !pngs.is_empty();
     drop(root);
     if has_meshopt {
         meshopt::remove_extension(&mut json);
@@ -197,13 +198,12 @@ fn load(asset: Asset<'_>, source: &Source<'_>) -> Result<Loaded, Error> {
     if has_draco {
         draco::replace(&mut json, &mut buffers, &geometry);
     }
-    if has_basisu {
-        basisu::remove_extension(&mut json);
-        basisu::replace(&mut json, &mut buffers, &mut images, ktx2);
+    if has_pngs {
+        transcode::remove_extensions(&mut json);
+        transcode::replace(&mut json, &mut buffers, &mut images, pngs);
     }
-    basisu::add_webp_sources(&mut json);
     let block_bytes = blocks::replace(&mut json, &mut buffers, in_blocks);
-    let decoded = has_meshopt || has_draco || has_basisu || !block_bytes.is_empty();
+    let decoded = has_meshopt || has_draco || has_pngs || !block_bytes.is_empty();
     Ok(Loaded { json, buffers, images, decoded, block_bytes })
 }
 

@@ -322,7 +322,7 @@ mod tests {
         ];
         assert_eq!(
             (PIPELINE_VERSION, keys.map(|key| key.hex()[..16].to_owned())),
-            ("29", ["82c9b274ba6907c6", "f19fda2ca2356f43"].map(str::to_owned))
+            ("30", ["c6a213ebaecb2aff", "326d0595f309b4ee"].map(str::to_owned))
         );
     }
 }

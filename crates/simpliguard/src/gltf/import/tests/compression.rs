@@ -54,6 +54,17 @@ fn meshopt_views_are_decoded_and_the_extension_leaves_the_json() {
 }
 
 #[test]
+fn an_extension_that_nothing_uses_is_not_required_any_more() {
+    for name in ["EXT_meshopt_compression", "KHR_draco_mesh_compression", "KHR_texture_basisu", "EXT_texture_webp"] {
+        let mut file = Builder::triangle();
+        file.json["extensionsUsed"] = json!([name]);
+        file.json["extensionsRequired"] = json!([name]);
+        let document = file.model().document;
+        assert!(document.decoded && !document.json.to_string().contains(name), "{name}");
+    }
+}
+
+#[test]
 fn sizes_that_the_decoder_would_assert_are_refused() {
     for (key, value) in [
         ("byteStride", json!(7)),

@@ -120,18 +120,6 @@ fn broken_images_matter_only_where_they_are_used() {
 }
 
 #[test]
-fn webp_beside_decoded_data_gets_a_plain_source() {
-    let mut file = textured(&etc1s());
-    let view = file.view(&png([0; 4]));
-    let image = file.push("images", json!({"bufferView": view}));
-    file.push("textures", json!({"extensions": {"EXT_texture_webp": {"source": image}}}));
-    file.json["extensionsRequired"] = json!([NAME, "EXT_texture_webp"]);
-    let json = file.model().document.json;
-    assert_eq!(json["textures"][1]["source"], image);
-    assert!(json.get("extensionsRequired").is_none());
-}
-
-#[test]
 fn huge_sizes_are_refused_by_their_header() {
     let with_side = |side: u32| {
         let mut bytes = etc1s();

@@ -125,21 +125,6 @@ fn wrap_modes_come_from_the_sampler_and_default_to_repeat() {
 }
 
 #[test]
-fn webp_and_jpeg_images_are_decoded() {
-    for format in [image::ImageFormat::WebP, image::ImageFormat::Jpeg] {
-        let mut bytes = std::io::Cursor::new(Vec::new());
-        let texels = image::RgbImage::from_pixel(8, 8, image::Rgb([255, 0, 0]));
-        texels.write_to(&mut bytes, format).expect("an image");
-        let (mut file, texture) = textured(json!({}));
-        let view = file.view(bytes.get_ref());
-        let image = file.push("images", json!({"bufferView": view}));
-        file.json["textures"][texture] = json!({"extensions": {"EXT_texture_webp": {"source": image}}});
-        let sample = file.model().textures[0].sample(Vec2::splat(0.5), 0.0);
-        assert!(sample.x > 0.95 && sample.y < 0.01 && sample.w == 1.0, "{sample:?}");
-    }
-}
-
-#[test]
 fn an_image_that_no_slot_uses_is_neither_needed_nor_decoded() {
     let (mut file, _) = textured(json!({}));
     file.push("images", json!({"uri": "absent.png"}));

@@ -11,6 +11,7 @@ mod ktx2;
 mod materials;
 mod memory;
 mod skins;
+mod webp;
 
 use crate::data::Model;
 
