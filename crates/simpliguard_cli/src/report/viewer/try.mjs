@@ -33,7 +33,13 @@ if (!file) {
   console.error("usage: node try.mjs report.html [FOLDER]");
   process.exit(2);
 }
-const problems = [];
+let problems = 0;
+
+// Says at once what is wrong: a page of many models takes long, and may be stopped before its end.
+function complain(problem) {
+  problems += 1;
+  console.error(`error: ${problem}`);
+}
 
 async function main() {
   mkdirSync(folder, { recursive: true });
@@ -41,21 +47,20 @@ async function main() {
   try {
     const page = await browser.newPage({ viewport: { width: 1280, height: 900 } });
     page.setDefaultTimeout(PATIENCE);
-    page.on("console", (message) => message.type() === "error" && problems.push(`console: ${message.text()}`));
-    page.on("pageerror", (error) => problems.push(`script: ${error.message}`));
-    page.on("requestfailed", (request) => problems.push(`request: ${request.url().slice(0, 100)}`));
+    page.on("console", (message) => message.type() === "error" && complain(`console: ${message.text()}`));
+    page.on("pageerror", (error) => complain(`script: ${error.message}`));
+    page.on("requestfailed", (request) => complain(`request: ${request.url().slice(0, 100)}`));
     await open(page);
     const models = await page.locator("details.asset").count();
     for (let number = 0; number < models; number++) await tryModel(page, number);
     await tryTable(page);
     await tryNarrow(page);
   } catch (error) {
-    problems.push(`stopped: ${error.message}`);
+    complain(`stopped: ${error.message}`);
   } finally {
     await browser.close();
   }
-  for (const problem of problems) console.error(`error: ${problem}`);
-  process.exitCode = problems.length === 0 ? 0 : 1;
+  process.exitCode = problems === 0 ? 0 : 1;
 }
 
 // Opens the page. Its first model is open and comes into view by itself.
@@ -101,7 +106,7 @@ async function tryTable(page) {
   await heading.click();
   const twice = await names();
   const isTurned = String(once.toReversed()) === String(twice);
-  if (!isTurned || once.length !== all.length) problems.push(`the table: ${once.join()} turned round is ${twice.join()}`);
+  if (!isTurned || once.length !== all.length) complain(`the table: ${once.join()} turned round is ${twice.join()}`);
 }
 
 // The page on a phone: nothing sticks out to the side.
@@ -109,7 +114,7 @@ async function tryNarrow(page) {
   await page.setViewportSize({ width: 390, height: 844 });
   await page.waitForTimeout(SETTLE);
   const overhang = await page.evaluate(() => document.documentElement.scrollWidth - innerWidth);
-  if (overhang > 0) problems.push(`on a narrow screen the page sticks out by ${overhang} pixels`);
+  if (overhang > 0) complain(`on a narrow screen the page sticks out by ${overhang} pixels`);
   await page.screenshot({ path: join(folder, "narrow.png") });
 }
 
@@ -137,7 +142,7 @@ class View {
       if (next.equals(picture)) return picture;
       picture = next;
     }
-    problems.push(`${this.name}: the picture does not come to rest`);
+    complain(`${this.name}: the picture does not come to rest`);
     return picture;
   }
 
@@ -156,7 +161,7 @@ class View {
       await this.page.waitForTimeout(SETTLE);
       if (before.equals(await this.picture()) !== isChange) return;
     }
-    problems.push(`${this.name}, ${what}: the picture ${isChange ? "stays" : "is another one"}`);
+    complain(`${this.name}, ${what}: the picture ${isChange ? "stays" : "is another one"}`);
   }
 
   // The mouse turns the model.
@@ -181,7 +186,7 @@ class View {
       await this.shot(`level-${level}`);
       seen.add(await this.section.locator(".level-label").textContent());
     }
-    if (seen.size !== most) problems.push(`${this.name}: ${most} levels, but the labels ${[...seen].join(", ")}`);
+    if (seen.size !== most) complain(`${this.name}: ${most} levels, but the labels ${[...seen].join(", ")}`);
   }
 
   // A box changes the picture, and without its tick the picture is as before. The turntable goes on from where it is.
@@ -216,7 +221,7 @@ class View {
       await button.click();
       const shown = this.section.locator(".sheets figure:visible");
       const sheet = await shown.evaluateAll((all) => all.map((figure) => figure.dataset.sheet).join());
-      if (sheet !== (await button.getAttribute("value"))) problems.push(`${this.name}: the sheets ${sheet} are shown`);
+      if (sheet !== (await button.getAttribute("value"))) complain(`${this.name}: the sheets ${sheet} are shown`);
     }
     await this.section.screenshot({ path: this.path("whole") });
   }
