@@ -3,7 +3,7 @@
 use std::io::Cursor;
 
 use bytes::Bytes;
-use image::{DynamicImage, ImageDecoder as _, ImageFormat, ImageReader, RgbaImage};
+use image::{DynamicImage, ImageDecoder as _, ImageFormat, ImageReader, ImageResult, RgbaImage};
 use rayon::prelude::*;
 
 use super::accessor::Reader;
@@ -14,7 +14,7 @@ use crate::data::Texture;
 use crate::{Error, StageId};
 
 /// Most memory for the metadata in front of the pixels, in bytes.
-pub(super) const HEADER_BYTES: u64 = 64 << 20;
+const HEADER_BYTES: u64 = 64 << 20;
 /// The largest side of an image in texels: no graphics card takes more.
 pub(super) const LONGEST_SIDE: u32 = 16_384;
 
@@ -133,29 +133,35 @@ fn undecodable_ktx2(reader: Reader<'_>, image: usize, reason: &str) -> Error {
 
 /// Width times height, and the bytes of a stored texel, from the image's header.
 fn size(reader: Reader<'_>, encoded: &Encoded) -> Result<(u64, u64), Error> {
-    let decoder = open(&encoded.bytes, encoded.format, HEADER_BYTES)
-        .into_decoder()
-        .map_err(|error| undecodable(reader, encoded, &error))?;
-    let (width, height) = decoder.dimensions();
+    let (sides, stored) =
+        header(&encoded.bytes, encoded.format).map_err(|error| undecodable(reader, encoded, &error))?;
+    let [width, height] = sides;
     if width == 0 || height == 0 {
         return Err(reader.asset.invalid(format!("{} has no texels", encoded.label)));
     }
     let side = format!("the longer side of {} in texels", encoded.label);
     reader.asset.within(&side, width.max(height) as usize, LONGEST_SIDE.into())?;
-    Ok((u64::from(width) * u64::from(height), u64::from(decoder.color_type().bytes_per_pixel())))
+    Ok((u64::from(width) * u64::from(height), stored))
 }
 
-/// The image as 8 bit RGBA.
 fn pixels(reader: Reader<'_>, encoded: &Encoded) -> Result<RgbaImage, Error> {
-    open(&encoded.bytes, encoded.format, 2 * encoded.decoding_bytes() + HEADER_BYTES)
-        .into_decoder()
-        .and_then(DynamicImage::from_decoder)
-        .map(DynamicImage::into_rgba8)
-        .map_err(|error| undecodable(reader, encoded, &error))
+    rgba(&encoded.bytes, encoded.format, encoded.decoding_bytes()).map_err(|error| undecodable(reader, encoded, &error))
+}
+
+/// Width, height, and the bytes of a stored texel, from the header of an image.
+pub(super) fn header(bytes: &[u8], format: ImageFormat) -> ImageResult<([u32; 2], u64)> {
+    let decoder = open(bytes, format, HEADER_BYTES).into_decoder()?;
+    Ok((decoder.dimensions().into(), u64::from(decoder.color_type().bytes_per_pixel())))
+}
+
+/// An image as 8 bit RGBA. Decoding may take twice `decoding_bytes`, and its metadata besides.
+pub(super) fn rgba(bytes: &[u8], format: ImageFormat, decoding_bytes: u64) -> ImageResult<RgbaImage> {
+    let decoder = open(bytes, format, 2 * decoding_bytes + HEADER_BYTES).into_decoder()?;
+    Ok(DynamicImage::from_decoder(decoder)?.into_rgba8())
 }
 
 /// A reader that takes no more memory than `most_bytes`.
-pub(super) fn open(bytes: &[u8], format: ImageFormat, most_bytes: u64) -> ImageReader<Cursor<&[u8]>> {
+fn open(bytes: &[u8], format: ImageFormat, most_bytes: u64) -> ImageReader<Cursor<&[u8]>> {
     let mut limits = image::Limits::default();
     limits.max_alloc = Some(most_bytes);
     let mut reader = ImageReader::with_format(Cursor::new(bytes), format);

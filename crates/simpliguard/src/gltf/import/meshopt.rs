@@ -16,7 +16,7 @@ use crate::Error;
 
 const NAMES: [&str; 2] = ["EXT_meshopt_compression", "KHR_meshopt_compression"];
 
-/// True if any buffer view is compressed, or if the file requires the extension without using it.
+/// True if the file requires the extension, or if any buffer view is compressed.
 pub(super) fn is_declared(root: &Root<'_>) -> bool {
     root.extensions_required.iter().any(|name| NAMES.contains(name))
         || root.buffer_views.iter().any(|view| view.extensions.meshopt().is_some())
