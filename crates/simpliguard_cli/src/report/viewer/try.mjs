@@ -45,7 +45,7 @@ async function main() {
   mkdirSync(folder, { recursive: true });
   const browser = await chromium.launch({ executablePath: process.env.CHROMIUM ?? "/usr/bin/chromium", args: FLAGS });
   try {
-    const page = await browser.newPage({ viewport: { width: 1280, height: 900 } });
+    const page = await browser.newPage({ viewport: { width: 1280, height: 900 }, reducedMotion: "reduce" });
     page.setDefaultTimeout(PATIENCE);
     page.on("console", (message) => message.type() === "error" && complain(`console: ${message.text()}`));
     page.on("pageerror", (error) => complain(`script: ${error.message}`));
@@ -133,7 +133,7 @@ class View {
     return this.canvas.screenshot();
   }
 
-  // The picture once nothing moves any more: the camera runs on for a while after a drag.
+  // The picture once nothing moves any more.
   async still() {
     let picture = await this.picture();
     for (let attempt = 0; attempt < ATTEMPTS; attempt++) {

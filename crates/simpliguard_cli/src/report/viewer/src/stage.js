@@ -79,7 +79,7 @@ export class Stage {
     place.replaceChildren(this.renderer.domElement);
     this.camera = new PerspectiveCamera(FIELD_OF_VIEW, 1, 0.01, 100);
     this.controls = new OrbitControls(this.camera, this.renderer.domElement);
-    this.controls.enableDamping = true;
+    this.controls.enableDamping = !matchMedia("(prefers-reduced-motion: reduce)").matches;
   }
 
   // Loads a part of the file once: the source, which is 0, or a level.
