@@ -8,7 +8,7 @@ use super::runner::Runner;
 use super::source::SourceIndex;
 use crate::data::{Level, Model};
 use crate::render::{
-    Camera, Image, Light, Renderer, SurfaceSampler, ViewParams, decibels, difference_over, viewpoints,
+    Camera, Image, Light, Pool, Renderer, SurfaceSampler, ViewParams, decibels, difference_over, viewpoints,
 };
 use crate::{Cancellation, StageId};
 
@@ -67,14 +67,17 @@ impl<'a> SourcePictures<'a> {
     /// Takes the pictures of a model, `size` pixels wide and high; fewer if cancelled.
     fn take(model: &'a Model, cameras: Vec<Camera>, size: usize, cancellation: &'a Cancellation) -> Self {
         let sampler = SurfaceSampler::new(model);
-        let view = |renderer: &mut Renderer<'_>, camera: Camera| {
+        let renderers = Pool::new();
+        let draw = |renderer: &mut Renderer<'_>, camera: Camera| {
             let images = renderer.draw(&camera, LIGHTS);
             let material = |i| Some(model.surface.material[renderer.solid_triangle(i % size, i / size)?]);
             let materials = (0..size * size).map(material).collect();
             SourceView { camera, images, materials }
         };
+        let new = || Renderer::new(&sampler, size, 2);
+        let view = |camera| renderers.with(new, |renderer| draw(renderer, camera));
         let cameras = cameras.into_par_iter().filter(|_| !cancellation.is_cancelled());
-        let views = cameras.map_init(|| Renderer::new(&sampler, size, 2), view).collect();
+        let views = cameras.map(view).collect();
         Self { model, size, views, cancellation }
     }
 
@@ -87,12 +90,12 @@ impl<'a> SourcePictures<'a> {
     pub(super) fn compare(&self, level: &Level) -> Likeness {
         let level = level.to_model(self.model);
         let sampler = SurfaceSampler::new(&level);
-        let compare = |renderer: &mut Renderer<'_>, view: &SourceView| {
-            self.compare_view(view, &renderer.draw(&view.camera, LIGHTS))
+        let (renderers, new) = (Pool::new(), || Renderer::new(&sampler, self.size, 2));
+        let compare = |view: &SourceView| {
+            self.compare_view(view, &renderers.with(new, |renderer| renderer.draw(&view.camera, LIGHTS)))
         };
-        let new = || Renderer::new(&sampler, self.size, 2);
         let views = self.views.par_iter().filter(|_| !self.cancellation.is_cancelled());
-        let compared: Vec<Comparison> = views.map_init(new, compare).collect();
+        let compared: Vec<Comparison> = views.map(compare).collect();
         self.summary(&compared)
     }
 

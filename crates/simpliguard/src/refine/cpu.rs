@@ -12,7 +12,7 @@ use super::losses::{ImageLoss, squared_error, squared_error_of_means};
 use super::low_poly::LowPoly;
 use super::texture_least_squares::solve_texture;
 use crate::Cancellation;
-use crate::render::Rect;
+use crate::render::{Pool, Rect, View};
 
 /// The threads of the caller. They give the same bytes on every machine, and never fail.
 #[derive(Clone, Copy, Debug, Default)]
@@ -41,6 +41,8 @@ pub(super) struct CpuRenderer<'a> {
     cancellation: &'a Cancellation,
     /// Made with the first step.
     slots: Vec<BatchSlot>,
+    /// Buffers of the views that are scored.
+    frames: Pool<FrameBuffers>,
 }
 
 /// Everything that one view of a batch needs, reused from step to step.
@@ -59,7 +61,7 @@ impl BatchSlot {
 
 impl<'a> CpuRenderer<'a> {
     pub(super) fn new(views: CoveredViews<'a>, cancellation: &'a Cancellation) -> Self {
-        Self { views, cancellation, slots: Vec::new() }
+        Self { views, cancellation, slots: Vec::new(), frames: Pool::new() }
     }
 }
 
@@ -87,24 +89,23 @@ impl LevelRenderer for CpuRenderer<'_> {
 
     fn errors(&mut self, low: &LowPoly) -> Result<Vec<f64>, Infallible> {
         let CoveredViews { views, rects, aliased, .. } = &self.views;
+        let error = |frame: &mut FrameBuffers, view: &View, rect: Rect| {
+            let pixels = 3 * frame.size * frame.size;
+            if *aliased {
+                frame.render_aliased(low, &view.camera, view.pose, rect);
+                let error = |background| squared_error_of_means(frame, &view.image, background);
+                return 2.0 * (error(1.0) + error(0.0)) / pixels as f64;
+            }
+            frame.render(low, &view.camera, view.pose, rect);
+            let error = |background| squared_error(frame, &view.image, background);
+            0.5 * (error(1.0) + error(0.0)) / pixels as f64
+        };
+        let new = || FrameBuffers::new(self.views.size());
         let errors = views
             .par_iter()
             .zip(rects)
             .filter(|_| !self.cancellation.is_cancelled())
-            .map_init(
-                || FrameBuffers::new(self.views.size()),
-                |frame, (view, rect)| {
-                    let pixels = 3 * frame.size * frame.size;
-                    if *aliased {
-                        frame.render_aliased(low, &view.camera, view.pose, *rect);
-                        let error = |background| squared_error_of_means(frame, &view.image, background);
-                        return 2.0 * (error(1.0) + error(0.0)) / pixels as f64;
-                    }
-                    frame.render(low, &view.camera, view.pose, *rect);
-                    let error = |background| squared_error(frame, &view.image, background);
-                    0.5 * (error(1.0) + error(0.0)) / pixels as f64
-                },
-            )
+            .map(|(view, rect)| self.frames.with(new, |frame| error(frame, view, *rect)))
             .collect();
         Ok(errors)
     }

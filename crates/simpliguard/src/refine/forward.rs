@@ -30,9 +30,9 @@ pub(super) struct FrameBuffers {
     pub(super) clip: Vec<Vec4>,
     /// Homogeneous barycentric coefficients of each triangle.
     pub(super) coefficients: Vec<[Vec3; 3]>,
-    /// Colours before antialiasing: premultiplied RGBA, zero where nothing is seen.
+    /// Colours before antialiasing: premultiplied RGBA, zero where nothing is seen. Empty until they are looked up.
     pub(super) base: Vec<Vec4>,
-    /// Colours after it.
+    /// Colours after it. Empty until then.
     pub(super) image: Vec<Vec4>,
     /// Silhouette edges, and the blends across them.
     pub(super) silhouettes: Silhouettes,
@@ -49,8 +49,8 @@ impl FrameBuffers {
             raster: Raster::new(size),
             clip: Vec::new(),
             coefficients: Vec::new(),
-            base: vec![Vec4::ZERO; size * size],
-            image: vec![Vec4::ZERO; size * size],
+            base: Vec::new(),
+            image: Vec::new(),
             silhouettes: Silhouettes::default(),
         }
     }
@@ -152,6 +152,7 @@ impl FrameBuffers {
     /// Looks the texture up at every pixel.
     fn shade(&mut self, low: &LowPoly) {
         let TexelGrid { size, ref texels, .. } = low.texture;
+        self.base.resize(self.size * self.size, Vec4::ZERO);
         for y in self.rect.rows() {
             let ndc_y = pixel_to_ndc(y, self.size);
             for x in self.rect.columns() {
@@ -175,6 +176,7 @@ impl FrameBuffers {
 
     /// Applies the blends to the base colours.
     fn blend(&mut self) {
+        self.image.resize(self.size * self.size, Vec4::ZERO);
         for y in self.rect.rows() {
             let span = self.span(y);
             self.image[span.clone()].copy_from_slice(&self.base[span]);

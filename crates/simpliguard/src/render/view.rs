@@ -5,6 +5,7 @@ use rayon::prelude::*;
 
 use super::camera::Camera;
 use super::image::Image;
+use super::pool::Pool;
 use super::renderer::Renderer;
 use super::shader::Light;
 use super::surface_sampler::SurfaceSampler;
@@ -44,7 +45,7 @@ impl Sampling {
 
 /// The view of the source from every camera.
 pub fn take_views(sampler: &SurfaceSampler<'_>, cameras: &[Camera], sampling: Sampling) -> Vec<View> {
-    take(sampler, &sampler.model().surface.positions, cameras, sampling, None)
+    ViewTaker::new(sampler, sampling).take(&sampler.model().surface.positions, cameras, None)
 }
 
 /// `view` again, under other light. The source has its vertices at `positions`.
@@ -53,27 +54,26 @@ pub(super) fn relit(renderer: &mut Renderer<'_>, view: &View, positions: &[Vec3]
     View { image, ..*view }
 }
 
-/// As [`take_views`], with the source in a pose, its vertices at `positions`.
-pub fn take_posed_views(
-    sampler: &SurfaceSampler<'_>,
-    positions: &[Vec3],
-    pose: usize,
-    cameras: &[Camera],
+/// Takes views of one source, with as many renderers as there are threads at it.
+pub(super) struct ViewTaker<'a> {
+    sampler: &'a SurfaceSampler<'a>,
     sampling: Sampling,
-) -> Vec<View> {
-    take(sampler, positions, cameras, sampling, Some(pose))
+    renderers: Pool<Renderer<'a>>,
 }
 
-fn take(
-    sampler: &SurfaceSampler<'_>,
-    positions: &[Vec3],
-    cameras: &[Camera],
-    Sampling { size, samples }: Sampling,
-    pose: Option<usize>,
-) -> Vec<View> {
-    let view = |renderer: &mut Renderer<'_>, camera: &Camera| {
-        let [image] = renderer.draw_moved(positions, camera, [Light::None]);
-        View { camera: *camera, pose, image }
-    };
-    cameras.par_iter().map_init(|| Renderer::new(sampler, size, samples), view).collect()
+impl<'a> ViewTaker<'a> {
+    pub(super) fn new(sampler: &'a SurfaceSampler<'a>, sampling: Sampling) -> Self {
+        Self { sampler, sampling, renderers: Pool::new() }
+    }
+
+    /// The view from every camera of the source in a pose, its vertices at `positions`.
+    pub(super) fn take(&self, positions: &[Vec3], cameras: &[Camera], pose: Option<usize>) -> Vec<View> {
+        let Sampling { size, samples } = self.sampling;
+        let view = |camera: &Camera| {
+            let draw = |renderer: &mut Renderer<'_>| renderer.draw_moved(positions, camera, [Light::None]);
+            let [image] = self.renderers.with(|| Renderer::new(self.sampler, size, samples), draw);
+            View { camera: *camera, pose, image }
+        };
+        cameras.par_iter().map(view).collect()
+    }
 }

@@ -4,10 +4,11 @@ use rayon::prelude::*;
 use serde::Serialize;
 
 use super::camera::viewpoints;
+use super::pool::Pool;
 use super::renderer::Renderer;
 use super::shader::Light;
 use super::surface_sampler::SurfaceSampler;
-use super::view::{Sampling, View, relit, take_posed_views, take_views};
+use super::view::{Sampling, View, ViewTaker, relit};
 use crate::Cancellation;
 use crate::animation::Poses;
 use crate::geometry::BoundingSphere;
@@ -61,12 +62,13 @@ impl ViewRenderer<'_> {
     pub(crate) fn lit_views(&self, views: &[View]) -> Vec<View> {
         let sampling = Sampling::antialiased(self.params.size as usize);
         let new = || Renderer::new(self.sampler, sampling.size, sampling.samples);
-        let lit = |renderer: &mut Renderer<'_>, view: &View| {
+        let renderers = Pool::new();
+        let lit = |view: &View| {
             let posed = self.poses.zip(view.pose).map(|(poses, pose)| poses.source_in(pose));
             let positions = posed.as_deref().unwrap_or(&self.sampler.model().surface.positions);
-            relit(renderer, view, positions, Light::Axes)
+            renderers.with(new, |renderer| relit(renderer, view, positions, Light::Axes))
         };
-        views.par_iter().filter(|_| !self.cancellation.is_cancelled()).map_init(new, lit).collect()
+        views.par_iter().filter(|_| !self.cancellation.is_cancelled()).map(lit).collect()
     }
 
     /// `count` views of the rest pose, and the views of the other poses that go with them.
@@ -76,15 +78,15 @@ impl ViewRenderer<'_> {
         let few = 2 * rayon::current_num_threads();
         let wanted = || !cancellation.is_cancelled();
         let cameras = viewpoints(sphere, count as usize, seed);
-        let take = |cameras| take_views(sampler, cameras, sampling);
-        let taken = cameras.chunks(few).take_while(|_| wanted()).flat_map(take);
+        let (taker, at_rest) = (ViewTaker::new(sampler, sampling), &sampler.model().surface.positions);
+        let taken = cameras.chunks(few).take_while(|_| wanted()).flat_map(|some| taker.take(at_rest, some, None));
         let mut views: Vec<View> = taken.collect();
         let Some(poses) = poses else { return views };
         let posed = (0..poses.all()).into_par_iter().filter(|_| wanted()).flat_map(|pose| {
             let positions = poses.source_in(pose);
             let all = viewpoints(&BoundingSphere::around(&positions), ViewParams::posed(count), seed.wrapping_add(1));
             let own: Vec<_> = all.into_iter().skip(pose).step_by(poses.all()).collect();
-            take_posed_views(sampler, &positions, pose, &own, sampling)
+            taker.take(&positions, &own, Some(pose))
         });
         views.par_extend(posed);
         views
