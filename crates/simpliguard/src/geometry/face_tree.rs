@@ -3,14 +3,12 @@
 //! The triangles are sorted once by the Morton codes of their centres. The tree over that order is complete and
 //! implicit: node `i` has the children `2 i` and `2 i + 1`. Moving a triangle refits one path to the root.
 
-use glam::{DVec3, Vec3A};
+use glam::DVec3;
 
 /// A bounding box hierarchy over triangles.
 #[derive(Clone)]
 pub(crate) struct FaceTree {
-    /// The bounds of each node; the leaves are the second half, the root is node 1.
-    bounds: Vec<Bounds>,
-    /// The exact box of each leaf.
+    /// The box of each node; the leaves are the second half, the root is node 1.
     boxes: Vec<Box3>,
     /// Triangle of each leaf, or [`NO_TRIANGLE`].
     triangles: Vec<u32>,
@@ -51,34 +49,6 @@ impl Box3 {
     }
 }
 
-/// A box in single precision, rounded outwards: half as large, and compared at once.
-#[derive(Clone, Copy, Debug, PartialEq)]
-struct Bounds {
-    low: Vec3A,
-    high: Vec3A,
-}
-
-impl Bounds {
-    const EMPTY: Self = Self { low: Vec3A::INFINITY, high: Vec3A::NEG_INFINITY };
-
-    fn of(b: &Box3) -> Self {
-        let down = |x: f64| if f64::from(x as f32) > x { (x as f32).next_down() } else { x as f32 };
-        let up = |x: f64| -down(-x);
-        Self {
-            low: Vec3A::new(down(b.low.x), down(b.low.y), down(b.low.z)),
-            high: Vec3A::new(up(b.high.x), up(b.high.y), up(b.high.z)),
-        }
-    }
-
-    fn joined(self, other: Self) -> Self {
-        Self { low: self.low.min(other.low), high: self.high.max(other.high) }
-    }
-
-    fn meets(&self, other: &Self) -> bool {
-        (self.low.cmple(other.high) & other.low.cmple(self.high)).all()
-    }
-}
-
 impl FaceTree {
     /// The tree over triangles, given by index and corners; every index lies below `capacity`.
     pub(crate) fn new(capacity: usize, faces: impl Iterator<Item = (u32, [DVec3; 3])>) -> Self {
@@ -91,19 +61,17 @@ impl FaceTree {
         items.sort_unstable_by_key(|i| (i.0, i.1));
         let half = items.len().next_power_of_two().max(1);
         let mut out = Self {
-            bounds: vec![Bounds::EMPTY; 2 * half],
-            boxes: vec![Box3::EMPTY; half],
+            boxes: vec![Box3::EMPTY; 2 * half],
             triangles: vec![NO_TRIANGLE; half],
             leaves: vec![NO_LEAF; capacity],
         };
         for (leaf, (_, f, b)) in items.into_iter().enumerate() {
             out.triangles[leaf] = f;
             out.leaves[f as usize] = leaf as u32;
-            out.boxes[leaf] = b;
-            out.bounds[half + leaf] = Bounds::of(&b);
+            out.boxes[half + leaf] = b;
         }
         for node in (1..half).rev() {
-            out.bounds[node] = out.bounds[2 * node].joined(out.bounds[2 * node + 1]);
+            out.boxes[node] = out.boxes[2 * node].joined(out.boxes[2 * node + 1]);
         }
         out
     }
@@ -123,22 +91,20 @@ impl FaceTree {
         if leaf == NO_LEAF {
             return;
         }
-        self.boxes[leaf as usize] = b;
         let mut node = self.triangles.len() + leaf as usize;
-        self.bounds[node] = Bounds::of(&b);
+        self.boxes[node] = b;
         while node > 1 {
             node /= 2;
-            let joined = self.bounds[2 * node].joined(self.bounds[2 * node + 1]);
-            if self.bounds[node] == joined {
+            let joined = self.boxes[2 * node].joined(self.boxes[2 * node + 1]);
+            if self.boxes[node] == joined {
                 return;
             }
-            self.bounds[node] = joined;
+            self.boxes[node] = joined;
         }
     }
 
     /// True if `visit` returns true for a triangle whose box overlaps `range`; the first such triangle ends the search.
     pub(crate) fn any(&self, range: &Box3, mut visit: impl FnMut(u32) -> bool) -> bool {
-        let bounds = Bounds::of(range);
         // Depth first over a complete tree: at most one node waits on each level.
         let mut waiting = [0usize; 40];
         let mut depth = 1;
@@ -146,12 +112,12 @@ impl FaceTree {
         while depth > 0 {
             depth -= 1;
             let node = waiting[depth];
-            if !self.bounds[node].meets(&bounds) {
+            if !self.boxes[node].meets(range) {
                 continue;
             }
             match node.checked_sub(self.triangles.len()) {
                 Some(leaf) => {
-                    if self.boxes[leaf].meets(range) && visit(self.triangles[leaf]) {
+                    if visit(self.triangles[leaf]) {
                         return true;
                     }
                 }
