@@ -134,7 +134,8 @@ fn move_vertices(bencher: Bencher<'_, '_>) {
 fn make_maps(bencher: Bencher<'_, '_>) {
     let Scene { level, atlas, texels, .. } = &*SCENE;
     let samples = SCENE.samples();
-    let mut mesh = level_mesh(level, atlas, &corner_normals(level, atlas, texels, &samples), &[], &[]);
+    let (normals, inverted) = (corner_normals(level, atlas, texels, &samples), vec![false; level.triangles.len()]);
+    let mut mesh = level_mesh((level, atlas), &normals, &inverted, &[], &[]);
     mesh.tangents = tangents(&mesh);
     let colors = vec![Vec4::ONE; samples.len()];
     let channels = Channels { normal: true, ..Channels::default() };

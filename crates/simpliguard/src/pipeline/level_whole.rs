@@ -1,5 +1,7 @@
 //! The whole of a level: its solid layer and those beside it in one mesh, with one atlas and one set of textures.
 
+use std::iter;
+
 use glam::Vec4;
 
 use super::extra_layers::{ExtraLayer, transmission};
@@ -190,6 +192,11 @@ impl WholeLevel {
         }
     }
 
+    /// For each face, if it is seen from both sides.
+    fn double_sided(&self) -> Vec<bool> {
+        self.layers.iter().flat_map(|layer| iter::repeat_n(layer.double_sided, layer.faces)).collect()
+    }
+
     /// The mesh with its morph targets, the texture set and the materials.
     fn level(self, task: &LevelTask<'_>, error: f32) -> Level {
         let params = task.all.params;
@@ -200,7 +207,9 @@ impl WholeLevel {
             format: params.maps.format,
         };
         let normals = texture::corner_normals(&self.mesh, &self.atlas, &self.texels, &self.samples);
-        let mut mesh = texture::level_mesh(&self.mesh, &self.atlas, &normals, &self.influences, &self.morphs);
+        let inverted = texture::inverted_faces(&self.texels, &self.samples, &self.double_sided());
+        let mut mesh =
+            texture::level_mesh((&self.mesh, &self.atlas), &normals, &inverted, &self.influences, &self.morphs);
         if channels.normal {
             mesh.tangents = texture::tangents(&mesh);
         }
@@ -208,6 +217,8 @@ impl WholeLevel {
         if textures.normal.is_none() {
             mesh.tangents.clear();
         }
+        // Tangents and normal maps are made for faces whose normals point to their front.
+        texture::turn_inverted(&mut mesh, &inverted);
         let layer = |layer: Layer| {
             let Layer { faces, alpha_mode, double_sided, unlit, transmission } = layer;
             let material = texture::level_material(&statistics, alpha_mode, double_sided, unlit);

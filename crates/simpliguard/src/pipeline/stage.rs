@@ -22,7 +22,7 @@ pub struct Stage {
 
 /// The stages in their order. `reconstruct` runs within `simplify`, once for each candidate that is a reconstruction.
 pub const STAGES: [Stage; 10] = [
-    once(StageId::Import, 2, 2, "glTF to one surface in world space"),
+    once(StageId::Import, 3, 2, "glTF to one surface in world space"),
     once(StageId::Views, 1, 8, "views of the source, at rest and in its poses"),
     once(StageId::Reconstruct, 2, 4, "watertight manifold around the source"),
     once(StageId::Simplify, 13, 16, "candidates collapsed to the budgets, the best selected"),
@@ -30,7 +30,7 @@ pub const STAGES: [Stage; 10] = [
     per_level(StageId::Skinning, 1, 3, "influences from the source's skeleton"),
     per_level(StageId::Texture, 1, 4, "initial texture baked from the source"),
     per_level(StageId::Refine, 3, 48, "differentiable rendering of vertices and texture"),
-    per_level(StageId::Maps, 3, 10, "texture set on the final vertices"),
+    per_level(StageId::Maps, 4, 10, "texture set on the final vertices"),
     once(StageId::Export, 2, 2, "source and levels as one binary glTF"),
 ];
 

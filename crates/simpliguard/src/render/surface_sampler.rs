@@ -2,7 +2,7 @@
 
 use glam::{Mat2, Vec2, Vec3, Vec4, Vec4Swizzles};
 
-use crate::data::{Material, Model, TextureRef};
+use crate::data::{Material, Model, TextureRef, area_vector};
 
 /// Material properties at one point of the surface, in linear light.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -13,6 +13,8 @@ pub struct SurfaceSample {
     pub glows: bool,
     /// Unit shading normal in world space, with the normal map.
     pub normal: Vec3,
+    /// The surface is double-sided, and its normals point away from its front, the side that it is seen counter-clockwise from.
+    pub is_inverted: bool,
     /// Ambient occlusion, 0 occluded to 1 open.
     pub occlusion: f32,
     /// Roughness, 0 to 1.
@@ -125,16 +127,25 @@ impl<'a> SurfaceSampler<'a> {
 
     /// Unit shading normal in world space, with the normal map.
     pub fn normal(&self, t: usize, b: Vec3, footprint: Footprint) -> Vec3 {
-        let surface = &self.model.surface;
-        let corners = surface.triangles[t].map(|v| v as usize);
-        let [i, j, k] = corners.map(|v| surface.normals[v]);
-        let normal = (i * b.x + j * b.y + k * b.z).normalize_or(Vec3::Y);
+        let normal = self.smooth_normal(t, b);
         let material = self.material(t);
         let Some(texture) = &material.normal_texture else { return normal };
         let mapped = self.texel(texture, t, b, footprint).xyz() * 2.0 - 1.0;
         let (tangent, bitangent) = self.tangent_frame(t, b, normal, texture);
         let [x, y] = [mapped.x * material.normal_scale, mapped.y * material.normal_scale];
         (tangent * x + bitangent * y + normal * mapped.z).normalize_or(normal)
+    }
+
+    /// Unit normal between those of the corners.
+    fn smooth_normal(&self, t: usize, b: Vec3) -> Vec3 {
+        let surface = &self.model.surface;
+        let [i, j, k] = surface.triangles[t].map(|v| surface.normals[v as usize]);
+        (i * b.x + j * b.y + k * b.z).normalize_or(Vec3::Y)
+    }
+
+    fn area_vector(&self, t: usize) -> Vec3 {
+        let surface = &self.model.surface;
+        area_vector(surface.triangles[t].map(|v| surface.positions[v as usize]))
     }
 
     /// All properties at barycentric coordinates `b` of triangle `t`.
@@ -150,6 +161,7 @@ impl<'a> SurfaceSampler<'a> {
             color: self.color(t, b, footprint),
             glows,
             normal: self.normal(t, b, footprint),
+            is_inverted: material.double_sided && self.smooth_normal(t, b).dot(self.area_vector(t)) < 0.0,
             occlusion: 1.0 + material.occlusion_strength * (occlusion - 1.0),
             roughness: material.roughness * rough_metal.y,
             metallic: material.metallic * rough_metal.z,

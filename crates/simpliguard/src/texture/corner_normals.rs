@@ -142,6 +142,7 @@ mod tests {
             color: Vec4::ONE,
             glows: false,
             normal: if triangle < 2 { right } else { left }.normalize(),
+            is_inverted: false,
             occlusion: 1.0,
             roughness: 1.0,
             metallic: 0.0,

@@ -84,6 +84,7 @@ mod tests {
             color: Vec4::new(1.0, 0.0, 0.0, alpha),
             glows: false,
             normal: Vec3::Z,
+            is_inverted: false,
             occlusion: 1.0,
             roughness: 1.0,
             metallic: 0.0,

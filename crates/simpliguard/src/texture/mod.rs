@@ -10,6 +10,7 @@ mod bake;
 mod corner_normals;
 mod coverage;
 mod encode;
+mod inverted;
 mod level_mesh;
 mod material;
 mod pbr_maps;
@@ -22,6 +23,7 @@ mod texel_map;
 
 pub use bake::{BakeTarget, Baker};
 pub use corner_normals::corner_normals;
+pub use inverted::{inverted_faces, turn_inverted};
 pub use level_mesh::level_mesh;
 pub use material::{MaterialStatistics, level_material};
 pub use pbr_maps::{Channels, pbr_maps};

@@ -14,6 +14,7 @@ const CLEAR: SurfaceSample = SurfaceSample {
     color: Vec4::ZERO,
     glows: false,
     normal: Vec3::Y,
+    is_inverted: false,
     occlusion: 1.0,
     roughness: 1.0,
     metallic: 0.0,
@@ -45,10 +46,10 @@ impl Probe<'_> {
         Some(self.sample(&hit))
     }
 
-    /// A card at `position`: the triangles of its own group from either side, clear between them.
+    /// A card at `position`: the triangles of its own group from either side, clear between them. The normal is that of the card.
     pub(super) fn sample_card(&self, position: Vec3, normal: Vec3) -> SurfaceSample {
         let hit = self.cast_within(self.ray_distance, position, normal);
-        hit.map_or(CLEAR, |hit| SurfaceSample { normal, ..self.sample(&hit) })
+        hit.map_or(CLEAR, |hit| SurfaceSample { normal, is_inverted: false, ..self.sample(&hit) })
     }
 
     /// The first surface within the ray distance; in foliage also within [`WOOD_DISTANCE`].

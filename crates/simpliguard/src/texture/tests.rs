@@ -4,7 +4,7 @@ use glam::{Affine2, Vec2, Vec3, Vec4};
 use image::{DynamicImage, Rgba, RgbaImage};
 
 use super::material::MaterialStatistics;
-use super::{BakeTarget, Baker, Channels, Projection, TexelMap, level_material, pbr_maps, tangents};
+use super::{BakeTarget, Baker, Channels, Projection, TexelMap, inverted_faces, level_material, pbr_maps, tangents};
 use crate::Cancellation;
 use crate::data::{
     AlphaMode, Atlas, LevelMesh, LevelTextures, Material, Model, Parts, Surface, Texture, TextureRef, TriMesh, Wrap,
@@ -56,7 +56,7 @@ fn samples_of(model: &Model, parts: Option<&Parts>) -> Vec<Option<SurfaceSample>
 /// The same as the mesh of a level, with tangents.
 pub(super) fn level_mesh() -> LevelMesh {
     let (mesh, atlas) = level();
-    let mut level = super::level_mesh(&mesh, &atlas, &[[Vec3::Z; 3]; 2], &[], &[]);
+    let mut level = super::level_mesh((&mesh, &atlas), &[[Vec3::Z; 3]; 2], &[false; 2], &[], &[]);
     level.tangents = tangents(&level);
     level
 }
@@ -308,4 +308,18 @@ fn a_projection_leaves_out_what_no_image_shows() {
     let colors = projected(&model, 128, 1);
     let known = |x: usize| colors[32 * SIZE + x].is_some();
     assert!(!known(10) && !known(28) && known(34) && known(60));
+}
+
+#[test]
+fn a_face_is_inverted_where_most_of_the_source_has_its_normals_behind() {
+    let sided = |double_sided| Material { double_sided, ..plain() };
+    let inverted = |source_sides: bool, level_sides: bool| {
+        let mut model = source([sided(source_sides), sided(true)], Vec::new());
+        model.surface.normals[..4].fill(-Vec3::Z);
+        inverted_faces(&TexelMap::new(&level().1, SIZE), &samples(&model), &[level_sides; 2])
+    };
+    // Three quarters of the second triangle lie on the left half.
+    assert_eq!(inverted(true, true), [false, true]);
+    assert_eq!(inverted(true, false), [false; 2], "a level that is seen from one side");
+    assert_eq!(inverted(false, true), [false; 2], "a source that is seen from one side");
 }

@@ -54,6 +54,7 @@ pub(super) fn read(
         painted: attributes.colors("COLOR_1")?.map(|colors| colors.iter().map(|c| c.x.min(1.0)).collect()),
         influences: attributes.influences()?,
         displacements: if with_displacements { attributes.displacements()? } else { Vec::new() },
+        double_sided: primitive.material.and_then(|m| reader.root.materials.get(m)).is_some_and(|m| m.double_sided),
         triangles,
     };
     reader.asset.check()?;

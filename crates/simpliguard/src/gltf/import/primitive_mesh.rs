@@ -22,6 +22,8 @@ pub(super) struct PrimitiveMesh {
     pub(super) triangles: Vec<[u32; 3]>,
     /// Displacement of each vertex by each morph target. Empty for targets without positions, and if not asked for.
     pub(super) displacements: Vec<Vec<Vec3>>,
+    /// Seen from both sides.
+    pub(super) double_sided: bool,
 }
 
 impl PrimitiveMesh {
@@ -47,6 +49,16 @@ impl PrimitiveMesh {
         Self { normals, ..self.gathered(&corners, triangles) }.with_merged_vertices()
     }
 
+    /// Weighed by area, the normals point away from the side that it is seen counter-clockwise from.
+    pub(super) fn is_inverted(&self) -> bool {
+        let along_normal = |t: &[u32; 3]| {
+            let normal: Vec3 = t.map(|v| self.normals[v as usize]).into_iter().sum();
+            let area = area_vector(t.map(|v| self.positions[v as usize]));
+            area.dot(normal)
+        };
+        self.triangles.iter().map(along_normal).sum::<f32>() < 0.0
+    }
+
     /// The vertices with the indices `kept` under other triangles.
     fn gathered(self, kept: &[u32], triangles: Vec<[u32; 3]>) -> Self {
         Self {
@@ -58,6 +70,7 @@ impl PrimitiveMesh {
             painted: self.painted.map(|all| gather(&all, kept)),
             influences: self.influences.map(|all| gather(&all, kept)),
             displacements: self.displacements.into_iter().map(|all| gather(&all, kept)).collect(),
+            double_sided: self.double_sided,
             triangles,
         }
     }

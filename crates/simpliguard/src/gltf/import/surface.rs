@@ -167,12 +167,13 @@ impl Assembly {
     }
 
     /// Adds `part`, each vertex transformed by its matrix. If the matrices mirror most vertices, the faces are flipped,
-    /// so that the outside stays outside.
+    /// so that the outside stays outside. Engines do not agree on the front of a double-sided mesh that is mirrored: it is where
+    /// its normals point.
     fn append(&mut self, part: &PrimitiveMesh, matrix: impl Fn(usize) -> Mat4, material: u32) {
         let base = self.surface.positions.len();
         let mirrored = self.append_vertices(part, matrix);
         self.append_attributes(part, base);
-        let flipped = 2 * mirrored > part.positions.len();
+        let flipped = 2 * mirrored > part.positions.len() && !(part.double_sided && part.is_inverted());
         let numbered = part.triangles.iter().map(|t| t.map(|vertex| vertex + base as u32));
         let surface = &mut self.surface;
         surface.triangles.extend(numbered.map(|[a, b, c]| if flipped { [a, c, b] } else { [a, b, c] }));

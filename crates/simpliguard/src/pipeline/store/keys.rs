@@ -322,7 +322,7 @@ mod tests {
         ];
         assert_eq!(
             (PIPELINE_VERSION, keys.map(|key| key.hex()[..16].to_owned())),
-            ("30", ["c6a213ebaecb2aff", "326d0595f309b4ee"].map(str::to_owned))
+            ("31", ["4497770c46c9bbfc", "dff6066c9ae59e8c"].map(str::to_owned))
         );
     }
 }

@@ -44,6 +44,20 @@ fn a_mirrored_node_turns_its_faces_and_keeps_the_outside() {
 }
 
 #[test]
+fn the_front_of_a_mirrored_double_sided_mesh_is_where_its_normals_point() {
+    for (double_sided, normal, expected) in
+        [(true, -1.0f32, [0, 1, 2]), (true, 1.0, [0, 2, 1]), (false, -1.0, [0, 2, 1])]
+    {
+        let mut file = Builder::triangle();
+        file.attribute("NORMAL", F32, "VEC3", &[[0.0, 0.0, normal]; 3]);
+        file.json["materials"] = json!([{"doubleSided": double_sided}]);
+        file.json["meshes"][0]["primitives"][0]["material"] = json!(0);
+        file.json["nodes"][0]["scale"] = json!([1, 1, -1]);
+        assert_eq!(file.model().surface.triangles, [expected], "{double_sided}, {normal}");
+    }
+}
+
+#[test]
 fn uneven_scale_tilts_normals_by_the_inverse_transpose() {
     let mut file = Builder::triangle();
     file.attribute("NORMAL", F32, "VEC3", &[[1.0f32, 1.0, 0.0]; 3]);
