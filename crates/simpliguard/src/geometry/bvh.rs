@@ -137,27 +137,38 @@ impl Bvh {
 
     /// True if a ray meets a triangle between 0 and `max_distance`, in units of `direction`.
     pub fn occluded(&self, origin: Vec3, direction: Vec3, max_distance: f32) -> bool {
-        self.occluded_where(origin, direction, max_distance, |_| true)
+        self.occluder_where(origin, direction, max_distance, |_| true).is_some()
     }
 
-    /// As [`Self::occluded`], among the triangles that `accept` admits.
-    pub fn occluded_where(
+    /// A triangle that a ray meets between 0 and `max_distance`, among those that `accept` admits. Not always the first.
+    pub fn occluder_where(
         &self,
         origin: Vec3,
         direction: Vec3,
         max_distance: f32,
         accept: impl Fn(u32) -> bool,
-    ) -> bool {
+    ) -> Option<u32> {
         if self.corners.is_empty() {
-            return false;
+            return None;
         }
-        let (o, d) = (Vec3A::from(origin), Vec3A::from(direction));
-        let ray = Ray::new(outward(o), outward(d), 0.0, max_distance);
-        !self.tree.ray_traverse_miss(ray, |_, i| {
+        let ray = Ray::new(outward(origin.into()), outward(direction.into()), 0.0, max_distance);
+        let mut occluder = None;
+        self.tree.ray_traverse_miss(ray, |_, i| {
             let triangle = self.tree.primitive_indices[i];
-            let met = ray_distance(o, d, &self.corners[triangle as usize]).filter(|&t| t > 0.0 && accept(triangle));
-            met.unwrap_or(f32::INFINITY)
-        })
+            if !self.is_occluder(triangle, origin, direction, max_distance) || !accept(triangle) {
+                return f32::INFINITY;
+            }
+            occluder = Some(triangle);
+            0.0
+        });
+        occluder
+    }
+
+    /// True if a ray meets `triangle` between 0 and `max_distance`, in units of `direction`.
+    #[inline]
+    pub fn is_occluder(&self, triangle: u32, origin: Vec3, direction: Vec3, max_distance: f32) -> bool {
+        let corners = &self.corners[triangle as usize];
+        ray_distance(origin.into(), direction.into(), corners).is_some_and(|t| t > 0.0 && t < max_distance)
     }
 
     fn box_distance_squared(&self, node: u32, p: Vec3A) -> f32 {

@@ -2,6 +2,7 @@
 
 use glam::{Affine3A, Vec3};
 
+use super::enclosed::{enclosed_by_random_rays, keep_enclosed};
 use super::face_weights::{face_areas, face_weights};
 use super::inputs::Inputs;
 use super::params::SimplifyParams;
@@ -9,7 +10,7 @@ use super::qem::Simplifier;
 use super::shape::{Shape, Shortfall};
 use super::simplify_input::{SimplifyInput, pixels_in_all_poses};
 use super::unit_sphere::{from_unit_sphere, to_unit_sphere};
-use super::visibility;
+
 use crate::animation::{Motions, Poses};
 use crate::data::{Candidate, TriMesh};
 use crate::geometry::BoundingSphere;
@@ -149,7 +150,7 @@ impl Collapse<'_> {
         }
         let unit = to_unit_sphere(&mesh, &inputs.sphere);
         let mut simplifier = Simplifier::new(&unit, &face_areas(&unit), 0.0);
-        simplifier.remove_faces(&visibility::enclosed_by_random_rays(&unit, rays, inputs.cancellation));
+        simplifier.remove_faces(&enclosed_by_random_rays(&unit, rays, inputs.cancellation));
         from_unit_sphere(simplifier.mesh(), &inputs.sphere)
     }
 
@@ -185,6 +186,6 @@ fn enclosed(inputs: &Inputs<'_>, unit: &TriMesh, double_sided: bool) -> Vec<bool
     let mut enclosed: Vec<bool> =
         pixels_in_all_poses(inputs, &mesh, &|_| double_sided).covered.into_iter().map(|pixels| pixels == 0).collect();
     let sphere = BoundingSphere { centre: Vec3::ZERO, radius: 1.0 };
-    visibility::keep_enclosed(&mut enclosed, unit, &sphere, double_sided, inputs.cancellation);
+    keep_enclosed(&mut enclosed, unit, &sphere, double_sided, inputs.cancellation);
     enclosed
 }

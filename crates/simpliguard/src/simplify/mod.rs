@@ -13,6 +13,7 @@ mod candidates;
 mod clear;
 mod competition;
 mod deviation;
+mod enclosed;
 mod face_weights;
 mod importance;
 mod inputs;

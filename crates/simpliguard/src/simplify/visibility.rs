@@ -1,15 +1,12 @@
-//! Visibility of faces.
-//!
-//! Two tests. From outside: identity buffers from many directions tell which faces are seen and how many pixels they
-//! cover. From the surface (section 3.2 of the paper): rays start at points of a face and run through its hemisphere; a
-//! face is invisible if none of its rays escapes.
+//! Visibility of faces from outside: identity buffers from many directions tell which faces are seen, and how many pixels
+//! they cover.
 
 use glam::{Vec3, Vec4};
 use rayon::prelude::*;
 
 use crate::Cancellation;
 use crate::data::TriMesh;
-use crate::geometry::{BoundingSphere, Bvh, Random, fibonacci_directions};
+use crate::geometry::{BoundingSphere, fibonacci_directions};
 use crate::render::{Camera, EMPTY_PIXEL, Raster, Rect};
 
 /// Number of directions from which a mesh is viewed in the rest pose.
@@ -26,11 +23,6 @@ const OUTLINE_WEIGHT: u32 = 100;
 const INNER_OUTLINE_WEIGHT: u32 = 50;
 /// Least difference in depth at an outline. The depth of a model extends over about two.
 const OUTLINE_DEPTH: f32 = 0.04;
-/// Barycentric coordinates of the points of a face from which rays start.
-const POINTS: [[f32; 3]; 4] = [[0.34, 0.33, 0.33], [0.7, 0.15, 0.15], [0.15, 0.7, 0.15], [0.15, 0.15, 0.7]];
-/// Rays from each point.
-const RAYS: usize = 48;
-
 /// What views show of each face, summed over the views.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct FacePixels {
@@ -204,60 +196,6 @@ pub(super) fn grow(mesh: &TriMesh, faces: &mut [bool], rings: usize) {
     }
 }
 
-/// Keeps those `faces` of which no ray escapes the mesh: `H = 0` in the paper.
-///
-/// If `two_sided`, rays start in both hemispheres, and both sides of a face stop a ray. Otherwise back faces let rays
-/// pass, because a camera far away sees through them.
-pub(super) fn keep_enclosed(
-    faces: &mut [bool],
-    mesh: &TriMesh,
-    sphere: &BoundingSphere,
-    two_sided: bool,
-    cancellation: &Cancellation,
-) {
-    let bvh = Bvh::new(&mesh.positions, &mesh.triangles);
-    let directions = fibonacci_directions(2 * RAYS);
-    let lift = sphere.radius * 1e-4;
-    let escapes = |p: Vec3, n: Vec3| {
-        let stopped = |d: Vec3| {
-            let stops = |t: u32| two_sided || mesh.area_vector(t as usize).dot(d) > 0.0;
-            bvh.occluded_where(p + n * lift, d, 4.0 * sphere.radius, stops)
-        };
-        directions.iter().filter(|d| d.dot(n) > 0.05).any(|&d| !stopped(d))
-    };
-    let sees_out = |t: usize| {
-        let [a, b, c] = mesh.corners(t);
-        let n = mesh.area_vector(t).normalize_or_zero();
-        POINTS.iter().any(|[u, v, w]| {
-            let p = a * *u + b * *v + c * *w;
-            escapes(p, n) || (two_sided && escapes(p, -n))
-        })
-    };
-    let wanted = faces.par_iter_mut().enumerate().with_min_len(64).take_any_while(|_| !cancellation.is_cancelled());
-    wanted.for_each(|(t, face)| *face = *face && !sees_out(t));
-}
-
-/// Finds the faces of a mesh in the unit sphere from whose vertices no ray leaves, of so many random ones from each vertex
-/// over the hemisphere of its normal: the paper's own test, `H = 0`.
-pub(super) fn enclosed_by_random_rays(mesh: &TriMesh, rays: u32, cancellation: &Cancellation) -> Vec<bool> {
-    const LIFT: f32 = 1e-4;
-    const BEYOND: f32 = 4.0;
-    let bvh = Bvh::new(&mesh.positions, &mesh.triangles);
-    let normals = mesh.vertex_normals();
-    let sees_out = |v: usize| {
-        let (normal, mut random) = (normals[v], Random::new(v as u64));
-        let from = mesh.positions[v] + normal * LIFT;
-        (0..rays).any(|_| {
-            let direction = random.rotation() * Vec3::Z;
-            let direction = if direction.dot(normal) < 0.0 { -direction } else { direction };
-            !bvh.occluded(from, direction, BEYOND)
-        })
-    };
-    let seen: Vec<bool> =
-        (0..mesh.positions.len()).into_par_iter().map(|v| cancellation.is_cancelled() || sees_out(v)).collect();
-    mesh.triangles.iter().map(|triangle| triangle.iter().all(|&v| !seen[v as usize])).collect()
-}
-
 #[cfg(test)]
 pub(super) mod tests {
     use super::*;
@@ -270,39 +208,6 @@ pub(super) mod tests {
             positions: corners.iter().copied().chain(corners.iter().map(|c| *c * 5.0)).collect(),
             triangles: faces.iter().copied().chain(faces.map(|f| f.map(|v| v + 4))).collect(),
         }
-    }
-
-    #[test]
-    fn rays_do_not_leave_a_closed_shell() {
-        let mesh = nested();
-        let sphere = BoundingSphere::around(&mesh.positions);
-        let mut faces = [true, true, true, false, true, true, true, true];
-        keep_enclosed(&mut faces, &mesh, &sphere, false, &Cancellation::default());
-        assert_eq!(faces, [true, true, true, false, false, false, false, false]);
-    }
-
-    #[test]
-    fn random_rays_do_not_leave_a_closed_shell_either() {
-        let mesh = nested();
-        let radius = BoundingSphere::around(&mesh.positions).radius;
-        let unit = TriMesh { positions: mesh.positions.iter().map(|p| *p / radius).collect(), ..mesh };
-        let enclosed = |rays| enclosed_by_random_rays(&unit, rays, &Cancellation::default());
-        assert_eq!(enclosed(64), [true, true, true, true, false, false, false, false]);
-        assert_eq!(enclosed(0), [true; 8]);
-    }
-
-    #[test]
-    fn rays_leave_a_room_through_the_backs_of_its_walls() {
-        let mut room = nested();
-        room.triangles.iter_mut().for_each(|t| t.swap(1, 2));
-        let sphere = BoundingSphere::around(&room.positions);
-        let enclosed = |two_sided: bool| {
-            let mut faces = [true; 8];
-            keep_enclosed(&mut faces, &room, &sphere, two_sided, &Cancellation::default());
-            faces
-        };
-        assert_eq!(enclosed(false), [false; 8]);
-        assert_eq!(enclosed(true), [true, true, true, true, false, false, false, false]);
     }
 
     #[test]

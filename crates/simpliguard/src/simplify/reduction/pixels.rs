@@ -5,6 +5,7 @@ use glam::Vec3;
 use super::inputs::ReductionInputs;
 use crate::data::{AlphaMode, TriMesh};
 use crate::geometry::BoundingSphere;
+use crate::simplify::enclosed::keep_enclosed;
 use crate::simplify::visibility::{self, DIRECTIONS};
 
 /// Pixels of each triangle, summed over views.
@@ -74,7 +75,7 @@ impl Pixels {
         let unseen = |&t: &u32| self.covered[t as usize] == 0 && is_double_sided(t) == two_sided;
         let mut enclosed: Vec<bool> = opaque.iter().map(unseen).collect();
         let sphere = BoundingSphere::around(&surface.positions);
-        visibility::keep_enclosed(&mut enclosed, &mesh, &sphere, two_sided, inputs.cancellation);
+        keep_enclosed(&mut enclosed, &mesh, &sphere, two_sided, inputs.cancellation);
         let mut hidden = vec![false; surface.triangles.len()];
         opaque.iter().zip(enclosed).for_each(|(&t, enclosed)| hidden[t as usize] = enclosed);
         hidden
