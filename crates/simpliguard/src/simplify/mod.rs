@@ -11,6 +11,7 @@
 mod budgets;
 mod candidates;
 mod clear;
+mod clear_pixels;
 mod competition;
 mod deviation;
 mod enclosed;
@@ -46,6 +47,7 @@ use simplify_input::SimplifyInput;
 use unit_sphere::{from_unit_sphere, to_unit_sphere};
 
 pub use clear::simplify_clear;
+pub use clear_pixels::ClearPixels;
 pub use competition::Generate;
 pub use deviation::DeviationMetric;
 pub use face_weights::texel_density;
@@ -58,7 +60,6 @@ pub use params::{CandidateParams, CollapseParams, SimplifyParams};
 pub use reduction::{Reduced, ReductionInputs, reduce};
 pub use score::is_cut_out;
 pub use shape::{RunnerUp, Selected, Shape, Shortfall};
-pub use visibility::ClearPixels;
 
 /// Finds the best shape for each budget, in the order of the budgets.
 ///

@@ -12,13 +12,13 @@ use crate::render::{Camera, EMPTY_PIXEL, Raster, Rect};
 /// Number of directions from which a mesh is viewed in the rest pose.
 pub(super) const DIRECTIONS: usize = 48;
 /// Least number of directions of one task: each has buffers of its own.
-const MIN_DIRECTIONS: usize = 6;
+pub(super) const MIN_DIRECTIONS: usize = 6;
 /// Side of the identity buffer in pixels.
-const SIZE: usize = 640;
+pub(super) const SIZE: usize = 640;
 /// What a pixel beside the background counts in addition. A surface that is a little off shows it along outlines, where it
 /// covers wrong pixels; elsewhere only its texture shifts. Four fifths of the squared error of levels of sound models lies
 /// within a pixel of an outline. Between 40 and 400, levels hardly differ.
-const OUTLINE_WEIGHT: u32 = 100;
+pub(super) const OUTLINE_WEIGHT: u32 = 100;
 /// The same beside another surface, whose colour is often more alike.
 const INNER_OUTLINE_WEIGHT: u32 = 50;
 /// Least difference in depth at an outline. The depth of a model extends over about two.
@@ -33,7 +33,7 @@ pub(super) struct FacePixels {
 }
 
 impl FacePixels {
-    fn none(faces: usize) -> Self {
+    pub(super) fn none(faces: usize) -> Self {
         Self { covered: vec![0; faces], outlines: vec![0; faces] }
     }
 
@@ -62,7 +62,7 @@ impl FacePixels {
 }
 
 /// The pixels beside a pixel; some may lie outside of the buffer.
-fn neighbours(pixel: usize) -> [usize; 4] {
+pub(super) fn neighbours(pixel: usize) -> [usize; 4] {
     [pixel.wrapping_sub(1), pixel + 1, pixel.wrapping_sub(SIZE), pixel + SIZE]
 }
 
@@ -114,73 +114,6 @@ pub(super) fn most_are_double_sided(pixels: &[u32], is_double_sided: impl Fn(usi
         double += if is_double_sided(t) { u64::from(n) } else { 0 };
     }
     2 * double > all
-}
-
-/// A mesh, and which of its faces are seen from behind.
-type Sided<'a> = (&'a TriMesh, &'a (dyn Fn(usize) -> bool + Sync));
-
-/// The number of pixels that clear and solid surfaces show, over all views.
-#[derive(Clone, Debug)]
-pub struct ClearPixels {
-    /// Of each face of the clear surface, in front of the solid one. Outlines are those of everything together.
-    pub(super) faces: FacePixels,
-    /// Those of them that have nothing solid behind.
-    pub(super) open: u64,
-    /// Of the solid surface, as if nothing clear were before it.
-    pub(super) solid: u64,
-}
-
-impl ClearPixels {
-    fn none(faces: usize) -> Self {
-        Self { faces: FacePixels::none(faces), open: 0, solid: 0 }
-    }
-
-    fn add(mut self, other: &Self) -> Self {
-        self.faces.add(&other.faces);
-        Self { open: self.open + other.open, solid: self.solid + other.solid, ..self }
-    }
-}
-
-/// Counts the pixels of `clear` in front of `solid`, over as many directions as given with the sphere. Faces of `clear` do
-/// not hide each other.
-pub(super) fn clear_pixels(
-    (clear, clear_double_sided): Sided<'_>,
-    (solid, solid_double_sided): Sided<'_>,
-    (sphere, directions): (&BoundingSphere, usize),
-    cancellation: &Cancellation,
-) -> ClearPixels {
-    let directions = fibonacci_directions(directions);
-    let count = |(mut raster, mut pixels): (Raster, ClearPixels), direction: &Vec3| {
-        let camera = Camera::orbit(sphere, *direction, 0.6, 1.0);
-        let (clip, clear_clip) = (camera.project(&solid.positions), camera.project(&clear.positions));
-        raster.clear(Rect { x0: 0, y0: 0, x1: SIZE, y1: SIZE });
-        raster.draw(&clip, &solid.triangles, solid_double_sided);
-        let is_open: Vec<bool> = raster.ids.iter().map(|&id| id == EMPTY_PIXEL).collect();
-        pixels.solid += is_open.iter().filter(|&&open| !open).count() as u64;
-        let corners = raster.pixel_corners(&clear_clip);
-        let mut visit_all = |visit: &mut dyn FnMut(usize, usize)| {
-            for (t, triangle) in clear.triangles.iter().enumerate() {
-                let triangle = triangle.map(|v| corners[v as usize]);
-                raster.draw_tested(t, triangle, clear_double_sided(t), |i, _, _| {
-                    visit(t, i);
-                    false
-                });
-            }
-        };
-        let mut is_empty = is_open.clone();
-        visit_all(&mut |_, i| is_empty[i] = false);
-        let is_outline = |i: usize| neighbours(i).into_iter().any(|n| is_empty.get(n).is_some_and(|empty| *empty));
-        visit_all(&mut |t, i| {
-            pixels.faces.covered[t] += 1;
-            pixels.faces.outlines[t] += if is_outline(i) { OUTLINE_WEIGHT } else { 0 };
-            pixels.open += u64::from(is_open[i]);
-        });
-        (raster, pixels)
-    };
-    let none = || ClearPixels::none(clear.triangles.len());
-    let wanted = directions.par_iter().with_min_len(MIN_DIRECTIONS).take_any_while(|_| !cancellation.is_cancelled());
-    let counts = wanted.fold(|| (Raster::new(SIZE), none()), count).map(|(_, pixels)| pixels);
-    counts.reduce(none, |a, b| a.add(&b))
 }
 
 /// Adds the faces that share a vertex with a set of faces to the set, `rings` times.

@@ -11,7 +11,7 @@ use crate::images::size_of_image;
 /// The extension that draws a node many times.
 pub(crate) const INSTANCING: &str = "EXT_mesh_gpu_instancing";
 /// Modes of primitives: single triangles, which is the default, and strips and fans.
-const TRIANGLES: u64 = 4;
+pub(crate) const TRIANGLES: u64 = 4;
 const STRIPS: [u64; 2] = [5, 6];
 
 /// The JSON of a glTF and the bytes of its images.
@@ -110,16 +110,18 @@ pub(crate) fn triangles_of_node(json: &Value, node: usize) -> u64 {
 pub(crate) fn triangles_of_mesh(json: &Value, mesh: usize) -> u64 {
     let mesh = json.get("meshes").and_then(|meshes| meshes.get(mesh));
     let primitives = mesh.and_then(|mesh| mesh.get("primitives")?.as_array()).into_iter().flatten();
-    let triangles = |primitive: &Value| {
-        let positions = || index(primitive.get("attributes")?, "POSITION");
-        let corners = count_of(json, index(primitive, "indices").or_else(positions)?)?;
-        match primitive.get("mode").map_or(Some(TRIANGLES), Value::as_u64)? {
-            TRIANGLES => Some(corners / 3),
-            mode if STRIPS.contains(&mode) => Some(corners.saturating_sub(2)),
-            _ => None,
-        }
-    };
-    primitives.filter_map(triangles).sum()
+    primitives.filter_map(|primitive| triangles_of_primitive(json, primitive)).sum()
+}
+
+/// Triangles of a primitive. `None` if it has points or lines.
+pub(crate) fn triangles_of_primitive(json: &Value, primitive: &Value) -> Option<u64> {
+    let positions = || index(primitive.get("attributes")?, "POSITION");
+    let corners = count_of(json, index(primitive, "indices").or_else(positions)?)?;
+    match primitive.get("mode").map_or(Some(TRIANGLES), Value::as_u64)? {
+        TRIANGLES => Some(corners / 3),
+        mode if STRIPS.contains(&mode) => Some(corners.saturating_sub(2)),
+        _ => None,
+    }
 }
 
 /// The number of elements of an accessor.

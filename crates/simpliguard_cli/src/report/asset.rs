@@ -2,6 +2,7 @@
 
 use serde::Serialize;
 use simpliguard::data::Model;
+use simpliguard::geometry::BoundingSphere;
 use simpliguard::gltf::{GpuCost, ImportLimits, gpu_cost_besides, import};
 use simpliguard::{Error, LevelReport, NoResources, Source, Status};
 use simpliguard_bake::Outcome;
@@ -149,7 +150,8 @@ impl Measured {
         let document = Document::new(&model);
         let pictures: usize = sheets.iter().map(|sheet| sheet.jpeg.len()).sum();
         let left = usize::try_from(share).unwrap_or(usize::MAX).saturating_sub(pictures);
-        let preview = preview(&model.document, &levels, left);
+        let radius = BoundingSphere::around(&shown.surface.positions).radius;
+        let preview = preview(&model.document, &levels, radius, left);
         let cost = |nodes: &[usize], triangles: usize, others: &[usize]| {
             let gpu = gpu_cost_besides(&model.document, nodes.iter().copied(), others.iter().copied());
             Cost::new(triangles, document.bytes_of_nodes(nodes), gpu)

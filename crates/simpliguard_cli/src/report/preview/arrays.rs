@@ -50,11 +50,16 @@ impl Array {
         Some(Self { json, bytes, size: self.size })
     }
 
+    /// The components as floats; `None` if they are of another type.
+    pub(super) fn floats(&self) -> Option<Vec<f32>> {
+        (self.json.get("componentType")?.as_u64()? == FLOAT).then_some(())?;
+        Some(self.bytes.chunks_exact(4).map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]])).collect())
+    }
+
     /// Positions as floats; `None` if they are of another type.
     pub(super) fn positions(&self) -> Option<Vec<[f32; 3]>> {
-        (self.json.get("componentType")?.as_u64()? == FLOAT && self.size == 12).then_some(())?;
-        let float = |b: &[u8]| f32::from_le_bytes([b[0], b[1], b[2], b[3]]);
-        Some(self.bytes.chunks_exact(12).map(|p| [float(&p[..4]), float(&p[4..8]), float(&p[8..])]).collect())
+        (self.size == 12).then_some(())?;
+        Some(self.floats()?.chunks_exact(3).map(|p| [p[0], p[1], p[2]]).collect())
     }
 
     /// Indices of any width; `None` if it is no list of them.

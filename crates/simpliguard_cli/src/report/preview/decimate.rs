@@ -1,36 +1,113 @@
-//! Fewer triangles of a primitive, for a source that is only looked at.
+//! Fewer triangles of a source that is only looked at.
 
 use std::collections::BTreeMap;
 
-use meshopt::{SimplifyOptions, VertexDataAdapter, simplify, simplify_sloppy};
+use glam::Vec3;
+use meshopt::{SimplifyOptions, VertexDataAdapter, generate_vertex_remap, simplify};
+use simpliguard::geometry::vertex_components;
 
-/// Largest error, relative to the extent of the primitive: none, since the number of triangles decides.
-const ANY_ERROR: f32 = 1.0;
-/// A result with more than this times the wanted triangles is made again by a means that asks for less.
-const FAR_OFF: usize = 2;
+/// Largest error of the first round of decimation, as a fraction of the radius of the scene.
+const FIRST_ERROR: f64 = 2e-4;
+/// The errors of one round after another are this many times as large. That of the last is about a pixel of the view.
+const ERROR_STEP: f64 = 1.5;
+/// Rounds that keep seams of attributes. As many follow that do not.
+const ROUNDS: usize = 8;
 
-/// Triangles for about `target` of them, as indices of the same vertices. Seams of attributes are kept where that leaves few
-/// enough triangles.
-pub(super) fn decimate(positions: &[[f32; 3]], indices: &[u32], target: usize) -> Vec<u32> {
-    let is_usable = indices.iter().all(|&i| (i as usize) < positions.len());
-    if indices.len() / 3 <= target || !is_usable {
-        return indices.to_vec();
+/// Least area of a connected part, as a fraction of what it had. A round that leaves less passes over the part: a leaf or a
+/// bar is soon collapsed to nothing, because the error is a mean over areas.
+const LEAST_AREA: f32 = 0.5;
+
+const KEEPS_SEAMS: SimplifyOptions = SimplifyOptions::ErrorAbsolute;
+const DROPS_SEAMS: SimplifyOptions = KEEPS_SEAMS.union(SimplifyOptions::Permissive);
+
+/// Triangles of many primitives, which become fewer round by round. A round has one error for the whole scene, so that what
+/// is large and plain keeps its shape as well as what is small and dense.
+pub(super) struct Decimation {
+    primitives: BTreeMap<(usize, usize), Primitive>,
+    radius: f64,
+    round: usize,
+}
+
+/// A primitive that is decimated.
+pub(super) struct Primitive {
+    positions: Vec<[f32; 3]>,
+    indices: Vec<u32>,
+    /// How often the scene shows it.
+    times: usize,
+    /// Lengths in the scene of a length of one in the primitive.
+    scale: f64,
+    /// The connected part of each vertex.
+    parts: Vec<u32>,
+    /// The area that each part had.
+    areas: Vec<f32>,
+}
+
+impl Decimation {
+    /// Primitives by mesh and index, in a scene of some radius.
+    pub(super) fn new(primitives: BTreeMap<(usize, usize), Primitive>, radius: f64) -> Self {
+        Self { primitives, radius, round: 0 }
     }
-    let bytes: Vec<u8> = positions.iter().flatten().flat_map(|x| x.to_le_bytes()).collect();
-    let Ok(vertices) = VertexDataAdapter::new(&bytes, 12, 0) else { return indices.to_vec() };
-    let whole = &indices[..indices.len() / 3 * 3];
-    let fits = |found: &Vec<u32>| found.len() / 3 <= FAR_OFF * target;
-    let collapse = |options| simplify(whole, &vertices, 3 * target, ANY_ERROR, options, None);
-    let kept = collapse(SimplifyOptions::None);
-    if fits(&kept) {
-        return kept;
+
+    /// The triangles of a primitive, as indices of its vertices. `None` if it has all of its own.
+    pub(super) fn indices(&self, mesh: usize, primitive: usize) -> Option<&[u32]> {
+        let decimated = self.primitives.get(&(mesh, primitive)).filter(|_| self.round > 0);
+        decimated.map(|primitive| primitive.indices.as_slice())
     }
-    // Loose cards, as leaves are, have nothing to collapse: some of them go.
-    let pruned = collapse(SimplifyOptions::Permissive | SimplifyOptions::Prune);
-    if fits(&pruned) {
-        return pruned;
+
+    /// Decimates until the scene has at most so many triangles, or until the error would show.
+    pub(super) fn reduce_to(&mut self, triangles: usize) {
+        while self.triangles() > triangles && self.round < 2 * ROUNDS {
+            let error = self.radius * FIRST_ERROR * ERROR_STEP.powi((self.round % ROUNDS) as i32);
+            let options = if self.round < ROUNDS { KEEPS_SEAMS } else { DROPS_SEAMS };
+            self.primitives.values_mut().for_each(|primitive| primitive.collapse(error, options));
+            self.round += 1;
+        }
     }
-    simplify_sloppy(whole, &vertices, 3 * target, ANY_ERROR, None)
+
+    fn triangles(&self) -> usize {
+        self.primitives.values().map(|primitive| primitive.times * primitive.indices.len() / 3).sum()
+    }
+}
+
+impl Primitive {
+    /// A primitive that is shown so many times, with lengths in the scene so many times as large as its own. `None` if an index
+    /// is too large.
+    pub(super) fn new(positions: Vec<[f32; 3]>, mut indices: Vec<u32>, times: usize, scale: f64) -> Option<Self> {
+        indices.truncate(indices.len() / 3 * 3);
+        indices.iter().all(|&i| (i as usize) < positions.len()).then_some(())?;
+        let (count, welded) = generate_vertex_remap(&positions, None);
+        let triangles = indices.chunks_exact(3).map(|t| [t[0], t[1], t[2]].map(|v| welded[v as usize]));
+        let components = vertex_components(count, triangles);
+        let parts = welded.iter().map(|&v| components[v as usize]).collect();
+        let mut primitive = Self { positions, indices, times, scale, parts, areas: Vec::new() };
+        primitive.areas = primitive.areas_of(&primitive.indices);
+        Some(primitive)
+    }
+
+    /// Twice the area of each part in a set of triangles.
+    fn areas_of(&self, indices: &[u32]) -> Vec<f32> {
+        let mut areas = vec![0.0; self.positions.len()];
+        for triangle in indices.chunks_exact(3) {
+            let [a, b, c] = [0, 1, 2].map(|k| Vec3::from(self.positions[triangle[k] as usize]));
+            areas[self.parts[triangle[0] as usize] as usize] += (b - a).cross(c - a).length();
+        }
+        areas
+    }
+
+    /// Collapses edges within an error in lengths of the scene.
+    fn collapse(&mut self, error: f64, options: SimplifyOptions) {
+        let bytes: Vec<u8> = self.positions.iter().flatten().flat_map(|x| x.to_le_bytes()).collect();
+        let Ok(vertices) = VertexDataAdapter::new(&bytes, 12, 0) else { return };
+        let collapsed = simplify(&self.indices, &vertices, 0, (error / self.scale) as f32, options, None);
+        let areas = self.areas_of(&collapsed);
+        let is_passed_over = |triangle: &&[u32]| {
+            let part = self.parts[triangle[0] as usize] as usize;
+            areas[part] <= LEAST_AREA * self.areas[part]
+        };
+        let changed = collapsed.chunks_exact(3).filter(|triangle| !is_passed_over(triangle));
+        let unchanged = self.indices.chunks_exact(3).filter(is_passed_over);
+        self.indices = changed.chain(unchanged).flatten().copied().collect();
+    }
 }
 
 /// The vertices that indices use, in the order of their first use, and the indices into these.
@@ -50,34 +127,51 @@ pub(super) fn compact(indices: &[u32]) -> (Vec<u32>, Vec<u32>) {
 mod tests {
     use super::*;
 
-    /// A flat square of `n` x `n` cells.
-    fn grid(n: u32) -> (Vec<[f32; 3]>, Vec<u32>) {
+    /// A hilly square of `n` x `n` cells with sides of 1, or smaller in the scene.
+    fn grid(n: u32, height: f32, scale: f64) -> Primitive {
         let side = n + 1;
-        let positions = (0..side * side).map(|i| [(i % side) as f32, (i / side) as f32, 0.0]).collect();
+        let position = |i: u32| {
+            let (x, y) = ((i % side) as f32 / n as f32, (i / side) as f32 / n as f32);
+            [x, y, height * (9.0 * x).sin() * (9.0 * y).sin()]
+        };
         let cell = |i: u32| {
             let corner = i / n * side + i % n;
             [corner, corner + 1, corner + side, corner + 1, corner + side + 1, corner + side]
         };
-        (positions, (0..n * n).flat_map(cell).collect())
+        let (positions, indices) = ((0..side * side).map(position).collect(), (0..n * n).flat_map(cell).collect());
+        Primitive::new(positions, indices, 1, scale).expect("indices of vertices")
+    }
+
+    fn triangles(decimation: &Decimation, mesh: usize, primitive: usize) -> usize {
+        decimation.indices(mesh, primitive).map_or(0, |indices| indices.len() / 3)
     }
 
     #[test]
-    fn a_plane_is_decimated_and_small_or_broken_ones_stay() {
-        let (positions, indices) = grid(20);
-        let found = decimate(&positions, &indices, 50);
-        assert!(!found.is_empty() && found.len() <= 3 * 100, "{}", found.len());
-        assert_eq!(decimate(&positions, &indices, 800), indices);
-        let broken = [indices, vec![0, 1, 99_999]].concat();
-        assert_eq!(decimate(&positions, &broken, 50), broken);
+    fn a_wall_of_two_triangles_stays_beside_a_dense_relief() {
+        let wall = grid(1, 0.0, 1.0).indices;
+        let primitives = [((0, 0), grid(1, 0.0, 1.0)), ((0, 1), grid(60, 0.01, 1.0))];
+        let mut decimation = Decimation::new(primitives.into(), 1.0);
+        decimation.reduce_to(400);
+        assert_eq!(decimation.indices(0, 0), Some(wall.as_slice()));
+        assert!((1..400).contains(&triangles(&decimation, 0, 1)));
     }
 
     #[test]
-    fn loose_triangles_get_fewer() {
-        let corner =
-            |i: u32| [(i / 3) as f32 + (i % 3 == 1) as u32 as f32 * 0.5, (i % 3 == 2) as u32 as f32 * 0.5, 0.0];
-        let positions: Vec<[f32; 3]> = (0..3000).map(corner).collect();
-        let indices: Vec<u32> = (0..3000).collect();
-        assert!(decimate(&positions, &indices, 100).len() <= 3 * 200);
+    fn what_the_scene_shows_small_has_fewer_triangles() {
+        let primitives = [((0, 0), grid(60, 0.1, 1.0)), ((1, 0), grid(60, 0.1, 0.1))];
+        let mut decimation = Decimation::new(primitives.into(), 1.0);
+        decimation.reduce_to(6_000);
+        let [large, small] = [0, 1].map(|mesh| triangles(&decimation, mesh, 0));
+        assert!(3 * small < large, "{small} {large}");
+    }
+
+    #[test]
+    fn leaves_stay_and_nothing_is_decimated_beyond_what_shows() {
+        let primitives = [((0, 0), grid(60, 0.3, 1.0)), ((0, 1), grid(3, 0.0, 2e-3))];
+        let mut decimation = Decimation::new(primitives.into(), 1.0);
+        decimation.reduce_to(0);
+        assert!(triangles(&decimation, 0, 0) > 30 && triangles(&decimation, 0, 1) > 1);
+        assert!(Primitive::new(vec![[0.0; 3]; 3], vec![0, 1, 3], 1, 1.0).is_none());
     }
 
     #[test]

@@ -7,6 +7,7 @@
 mod arrays;
 mod decimate;
 mod images;
+mod scale;
 mod writer;
 
 use std::collections::{BTreeMap, BTreeSet};
@@ -15,9 +16,12 @@ use serde::Serialize;
 use serde_json::{Value, json};
 use simpliguard::data::Document;
 
+use self::arrays::Array;
+use self::decimate::{Decimation, Primitive};
 use self::images::{Encoding, Picture};
+use self::scale::scale_of_mesh;
 use self::writer::Writer;
-use crate::inspect::document::{Document as Lists, index, triangles_of_mesh};
+use crate::inspect::document::{Document as Lists, TRIANGLES, index, triangles_of_primitive};
 use crate::levels::{Levels, attach, below, indices};
 
 /// What the models of a view may take up, from the most to the least.
@@ -37,7 +41,7 @@ const SOURCE: usize = 0;
 /// A limit of the models of a view.
 #[derive(Clone, Copy, Debug)]
 struct Limits {
-    /// Triangles of the source, with all instances; `None` for all.
+    /// Triangles of the source, with all instances, if they can be as few without an error that shows; `None` for all.
     triangles: Option<usize>,
     /// Images of the source, and those of the levels; `None` for images as they are.
     source: Option<Encoding>,
@@ -76,10 +80,11 @@ const fn encoding(of: Option<(u32, u8)>) -> Option<Encoding> {
     }
 }
 
-/// The models of a bake's output, in at most `bytes`; if nothing is as small as that, as small as they get. `None` if the
-/// document cannot be read.
-pub(super) fn preview(document: &Document, levels: &Levels, bytes: usize) -> Option<Preview> {
+/// The models of a bake's output, whose source has a `radius`, in at most `bytes`; if nothing is as small as that, as small
+/// as they get. `None` if the document cannot be read.
+pub(super) fn preview(document: &Document, levels: &Levels, radius: f32, bytes: usize) -> Option<Preview> {
     let shown = Shown::new(document, levels)?;
+    let mut decimation = Decimation::new(shown.primitives_of_source(), radius.into());
     let mut last = None;
     for limits in &STEPS {
         let is_whole = limits.triangles.is_none();
@@ -87,7 +92,10 @@ pub(super) fn preview(document: &Document, levels: &Levels, bytes: usize) -> Opt
         if is_whole && document.buffers.iter().map(|buffer| buffer.len()).sum::<usize>() > 4 * bytes {
             continue;
         }
-        let preview = shown.write(limits)?;
+        if let Some(triangles) = limits.triangles {
+            decimation.reduce_to(triangles);
+        }
+        let preview = shown.write(limits, &decimation)?;
         let fits = preview.glb.len() <= bytes;
         last = Some(preview);
         if fits {
@@ -109,14 +117,12 @@ struct Shown<'a> {
     parts: BTreeMap<usize, Vec<usize>>,
     /// Names of the parts from 1 on.
     levels: Vec<&'a str>,
-    /// Meshes of the source with the number of times that they stand in the scene, and those of the levels.
-    source_meshes: BTreeMap<usize, usize>,
+    /// Meshes of the source with the nodes that show them, and those of the levels.
+    source_meshes: BTreeMap<usize, Vec<usize>>,
     level_meshes: BTreeSet<usize>,
     skins: BTreeSet<usize>,
     /// Images that are shown, and whether a level shows them.
     images: BTreeMap<usize, (bool, Picture)>,
-    /// Triangles of the source, with all instances.
-    triangles: usize,
 }
 
 impl<'a> Shown<'a> {
@@ -126,12 +132,12 @@ impl<'a> Shown<'a> {
         let roots = attach(&mut json, &parts.keys().copied().collect::<Vec<_>>())?;
         let mut nodes = below(&json, &roots);
         let (mut source_meshes, mut level_meshes, mut skins) = (BTreeMap::new(), BTreeSet::new(), BTreeSet::new());
-        for (&node, parts) in &parts {
-            let Some(node) = json.get("nodes")?.get(node) else { continue };
+        for (&place, parts) in &parts {
+            let Some(node) = json.get("nodes")?.get(place) else { continue };
             let Some(mesh) = index(node, "mesh") else { continue };
             skins.extend(index(node, "skin"));
             if parts.contains(&SOURCE) {
-                *source_meshes.entry(mesh).or_insert(0) += 1;
+                source_meshes.entry(mesh).or_insert_with(Vec::new).push(place);
             }
             if *parts != [SOURCE] {
                 level_meshes.insert(mesh);
@@ -140,43 +146,59 @@ impl<'a> Shown<'a> {
         for skin in &skins {
             nodes.extend(indices(json.get("skins")?.get(*skin)?, "joints"));
         }
-        let triangles = |(mesh, times): (&usize, &usize)| times * triangles_of_mesh(&json, *mesh) as usize;
-        let triangles = source_meshes.iter().map(triangles).sum();
         let names = levels.all.iter().map(|level| level.name.as_str()).collect();
         let images = images_of(document, &source_meshes, &level_meshes);
-        Some(Self {
-            document,
-            json,
-            roots,
-            nodes,
-            parts,
-            levels: names,
-            source_meshes,
-            level_meshes,
-            skins,
-            images,
-            triangles,
-        })
+        Some(Self { document, json, roots, nodes, parts, levels: names, source_meshes, level_meshes, skins, images })
     }
 
-    /// The file within limits. `None` if the document cannot be read.
-    fn write(&self, limits: &Limits) -> Option<Preview> {
+    /// The primitives that the source alone shows and that can be decimated: what levels show, too, keeps the geometry of the
+    /// bake.
+    fn primitives_of_source(&self) -> BTreeMap<(usize, usize), Primitive> {
+        let mut primitives = BTreeMap::new();
+        for (&mesh, nodes) in self.source_meshes.iter().filter(|(mesh, _)| !self.level_meshes.contains(mesh)) {
+            let scale = nodes.iter().map(|&node| scale_of_mesh(self.document, node)).fold(f64::MIN_POSITIVE, f64::max);
+            let all = self.json.get("meshes").and_then(|meshes| meshes.get(mesh)?.get("primitives")?.as_array());
+            for (i, primitive) in all.into_iter().flatten().enumerate() {
+                let read = self.triangles_of(primitive);
+                let read = read.and_then(|(positions, indices)| Primitive::new(positions, indices, nodes.len(), scale));
+                primitives.extend(read.map(|read| ((mesh, i), read)));
+            }
+        }
+        primitives
+    }
+
+    /// Positions and triangles of a primitive. `None` if it has others than single triangles of floats.
+    fn triangles_of(&self, primitive: &Value) -> Option<(Vec<[f32; 3]>, Vec<u32>)> {
+        (primitive.get("mode").and_then(Value::as_u64).unwrap_or(TRIANGLES) == TRIANGLES).then_some(())?;
+        let positions = Array::read(self.document, index(primitive.get("attributes")?, "POSITION")?)?.positions()?;
+        let indices = match index(primitive, "indices") {
+            Some(indices) => Array::read(self.document, indices)?.indices()?,
+            None => (0..positions.len() as u32).collect(),
+        };
+        Some((positions, indices))
+    }
+
+    /// The file within limits, with the triangles of a decimation. `None` if the document cannot be read.
+    fn write(&self, limits: &Limits, decimation: &Decimation) -> Option<Preview> {
         let mut json = self.json.clone();
         let mut writer = Writer::new(self.document);
-        let fraction = limits.triangles.map_or(1.0, |most| most as f64 / self.triangles.max(1) as f64);
         let mut triangles = 0;
         for (i, mesh) in json.get_mut("meshes").and_then(Value::as_array_mut).into_iter().flatten().enumerate() {
-            let times = self.source_meshes.get(&i);
             let primitives = mesh.get_mut("primitives")?.as_array_mut()?;
-            if times.is_none() && !self.level_meshes.contains(&i) {
+            let times = self.source_meshes.get(&i).map_or(0, Vec::len);
+            if times == 0 && !self.level_meshes.contains(&i) {
                 primitives.clear();
             }
-            // What levels show, too, keeps the geometry of the bake.
-            let fraction = if self.level_meshes.contains(&i) { 1.0 } else { fraction };
-            for primitive in primitives {
-                match times {
-                    Some(times) => triangles += times * writer.decimated(primitive, fraction)?,
-                    None => writer.primitive(primitive)?,
+            for (k, primitive) in primitives.iter_mut().enumerate() {
+                match decimation.indices(i, k) {
+                    Some(indices) => {
+                        triangles += times * indices.len() / 3;
+                        writer.decimated(primitive, indices)?;
+                    }
+                    None => {
+                        triangles += times * triangles_of_primitive(&self.json, primitive).unwrap_or(0) as usize;
+                        writer.primitive(primitive)?;
+                    }
                 }
             }
         }
@@ -246,7 +268,7 @@ fn parts(levels: &Levels) -> BTreeMap<usize, Vec<usize>> {
 /// The images that meshes of the source and of levels show, and whether a level shows them.
 fn images_of(
     document: &Document,
-    source_meshes: &BTreeMap<usize, usize>,
+    source_meshes: &BTreeMap<usize, Vec<usize>>,
     level_meshes: &BTreeSet<usize>,
 ) -> BTreeMap<usize, (bool, Picture)> {
     let lists = Lists::of(document);

@@ -8,14 +8,12 @@ use simpliguard::data::Document;
 use simpliguard::gltf::binary;
 
 use super::arrays::Array;
-use super::decimate::{compact, decimate};
+use super::decimate::compact;
 use crate::inspect::document::index;
 
 /// Vertex attributes of a decimated source that are kept: what a viewer without its second set of texture coordinates shows.
 const KEPT: [&str; 9] =
     ["POSITION", "NORMAL", "TEXCOORD_0", "TEXCOORD_1", "COLOR_0", "JOINTS_0", "WEIGHTS_0", "JOINTS_1", "WEIGHTS_1"];
-/// Mode of a primitive of single triangles; the default.
-const TRIANGLES: u64 = 4;
 
 /// The accessors and the binary data of a new file.
 pub(super) struct Writer<'a> {
@@ -94,21 +92,9 @@ impl<'a> Writer<'a> {
         self.copy_field(primitive, "indices")
     }
 
-    /// Copies a primitive with about a fraction of its triangles. Returns their number. `None` if it cannot be read.
-    pub(super) fn decimated(&mut self, primitive: &mut Value, fraction: f64) -> Option<usize> {
-        let is_whole =
-            fraction >= 1.0 || primitive.get("mode").and_then(Value::as_u64).unwrap_or(TRIANGLES) != TRIANGLES;
-        let positions = index(primitive.get("attributes")?, "POSITION")?;
-        let positions = Array::read(self.document, positions)?.positions();
-        let indices = match index(primitive, "indices") {
-            Some(indices) => Array::read(self.document, indices)?.indices()?,
-            None => (0..positions.as_ref()?.len() as u32).collect(),
-        };
-        let (false, Some(positions)) = (is_whole, positions) else {
-            return self.primitive(primitive).map(|()| indices.len() / 3);
-        };
-        let target = ((indices.len() / 3) as f64 * fraction).ceil() as usize;
-        let (kept, indices) = compact(&decimate(&positions, &indices, target));
+    /// Copies a primitive with some of its triangles alone. `None` if it cannot be read.
+    pub(super) fn decimated(&mut self, primitive: &mut Value, indices: &[u32]) -> Option<()> {
+        let (kept, indices) = compact(indices);
         let attributes = primitive.get_mut("attributes")?.as_object_mut()?;
         attributes.retain(|name, _| KEPT.contains(&name.as_str()));
         self.subset_all(attributes, &kept)?;
@@ -118,7 +104,7 @@ impl<'a> Writer<'a> {
             self.subset_all(target, &kept)?;
         }
         primitive["indices"] = self.array(&Array::of_indices(&indices), false).into();
-        Some(indices.len() / 3)
+        Some(())
     }
 
     /// Replaces every index in an object by that of the accessor with these elements alone.
