@@ -73,7 +73,7 @@ pub fn bent(model: &Model, hinge: &Hinge, angle: f32, positions: &[Vec3], influe
         return positions.to_vec();
     };
     let pose = joints.turned(hinge.joint, Quat::from_axis_angle(hinge.axis, angle));
-    let motions = skinning.motions(&skinning.bones(&pose), influences);
+    let motions = skinning.motions(&skinning.bones(&pose), &skinning.bind(influences));
     positions.iter().zip(motions).map(|(p, motion)| motion.transform_point3(*p)).collect()
 }
 

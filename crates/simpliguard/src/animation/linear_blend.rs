@@ -15,6 +15,13 @@ pub struct LinearBlend<'a> {
     rest: Vec<DMat4>,
 }
 
+/// Vertices in the rest pose of a blend.
+pub struct BoundVertices<'v> {
+    influences: &'v [Influences],
+    /// Of each vertex, the inverse of its blended rest matrix; `None` if it has none.
+    inverse_rest: Vec<Option<DMat4>>,
+}
+
 impl<'a> LinearBlend<'a> {
     /// The blend of a model; `None` if the model has no bones.
     pub fn of(model: &'a Model) -> Option<Self> {
@@ -41,19 +48,28 @@ impl<'a> LinearBlend<'a> {
         pose.world.iter().zip(&self.bind).map(|(world, bind)| world.as_dmat4() * *bind).collect()
     }
 
-    /// The motion of each vertex from the rest pose into the pose of `bones`. A vertex whose blended rest matrix has no
-    /// inverse does not move.
-    pub fn motions(&self, bones: &[DMat4], influences: &[Influences]) -> Vec<Affine3A> {
-        influences.par_iter().with_min_len(256).map(|influences| self.motion(bones, influences)).collect()
+    /// Vertices with these influences, to be moved into poses.
+    pub fn bind<'v>(&self, influences: &'v [Influences]) -> BoundVertices<'v> {
+        let inverse_rest =
+            influences.par_iter().with_min_len(256).map(|influences| self.inverse_rest(influences)).collect();
+        BoundVertices { influences, inverse_rest }
     }
 
-    fn motion(&self, bones: &[DMat4], influences: &Influences) -> Affine3A {
+    /// The motion of each vertex from the rest pose into the pose of `bones`. A vertex whose blended rest matrix has no
+    /// inverse does not move.
+    pub fn motions(&self, bones: &[DMat4], vertices: &BoundVertices<'_>) -> Vec<Affine3A> {
+        let vertices = vertices.influences.par_iter().zip(&vertices.inverse_rest).with_min_len(256);
+        let motion = |(influences, inverse_rest): (&Influences, &Option<DMat4>)| {
+            let motion = inverse_rest.map(|inverse_rest| (blended(bones, influences) * inverse_rest).as_mat4());
+            motion.filter(|motion| motion.is_finite()).map_or(Affine3A::IDENTITY, Affine3A::from_mat4)
+        };
+        vertices.map(motion).collect()
+    }
+
+    /// The inverse of a vertex's blended rest matrix; `None` if it has none.
+    fn inverse_rest(&self, influences: &Influences) -> Option<DMat4> {
         let rest = blended(&self.rest, influences);
-        if !is_invertible(&rest) {
-            return Affine3A::IDENTITY;
-        }
-        let motion = (blended(bones, influences) * rest.inverse()).as_mat4();
-        if motion.is_finite() { Affine3A::from_mat4(motion) } else { Affine3A::IDENTITY }
+        is_invertible(&rest).then(|| rest.inverse())
     }
 
     /// The derivative of a vertex's position in the pose of `bones` with respect to each of its weights.
@@ -62,11 +78,7 @@ impl<'a> LinearBlend<'a> {
     /// bone in the pose and at rest, `R` the blend of all `R_k` and `M` the motion of the vertex. It is zero for a
     /// vertex whose `R` has no inverse.
     pub fn by_weights(&self, bones: &[DMat4], influences: &Influences, position: Vec3) -> [Vec3; 4] {
-        let rest = blended(&self.rest, influences);
-        if !is_invertible(&rest) {
-            return [Vec3::ZERO; 4];
-        }
-        let inverse = rest.inverse();
+        let Some(inverse) = self.inverse_rest(influences) else { return [Vec3::ZERO; 4] };
         let bound = inverse.transform_point3(position.as_dvec3()).extend(1.0);
         let motion = blended(bones, influences) * inverse;
         influences.joints.map(|joint| {
@@ -112,7 +124,7 @@ mod tests {
         let at = |k: usize, step: f32| {
             let mut influences = Influences { joints: [1, 0, 0, 0], weights: [0.625, 0.375, 0.0, 0.0] };
             influences.weights[k] += step;
-            blend.motions(&bones, &[influences])[0].transform_point3(p)
+            blend.motions(&bones, &blend.bind(&[influences]))[0].transform_point3(p)
         };
         let influences = Influences { joints: [1, 0, 0, 0], weights: [0.625, 0.375, 0.0, 0.0] };
         let derivatives = blend.by_weights(&bones, &influences, p);

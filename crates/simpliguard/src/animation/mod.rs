@@ -11,7 +11,7 @@ mod weights;
 
 pub(crate) use bind_space::{bind_spaces, is_invertible, to_bind_space};
 pub(crate) use closest::{corner_weights, influences_at, weights_at};
-pub use linear_blend::LinearBlend;
+pub use linear_blend::{BoundVertices, LinearBlend};
 pub use motions::Motions;
 pub use poses::Poses;
 pub use skeleton::Skeleton;

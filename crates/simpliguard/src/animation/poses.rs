@@ -4,7 +4,7 @@ use glam::{Affine3A, DMat4, Quat, Vec3};
 use rayon::prelude::*;
 
 use super::closest::closest_influences;
-use super::linear_blend::LinearBlend;
+use super::linear_blend::{BoundVertices, LinearBlend};
 use super::motions::Motions;
 use super::pose_distances::PoseDistances;
 use super::skeleton::Skeleton;
@@ -29,6 +29,8 @@ const HINGE_ANGLE: f32 = std::f32::consts::FRAC_PI_4;
 pub struct Poses<'a> {
     model: &'a Model,
     blend: LinearBlend<'a>,
+    /// The vertices of the source.
+    source: BoundVertices<'a>,
     /// The matrix of each bone in each pose.
     bones: Vec<Vec<DMat4>>,
     /// Number of poses that simplification takes into account.
@@ -44,7 +46,8 @@ impl<'a> Poses<'a> {
         let all = if turned.is_empty() { blend.poses() } else { &turned };
         let chosen = representative(&blend, all, &model.surface, most.max(n), cancellation);
         let bones: Vec<Vec<DMat4>> = chosen.iter().map(|pose| blend.bones(pose)).collect();
-        (!bones.is_empty()).then(|| Self { model, blend, decisive: n.min(bones.len()), bones })
+        let source = blend.bind(&model.surface.influences);
+        (!bones.is_empty()).then(|| Self { model, blend, source, decisive: n.min(bones.len()), bones })
     }
 
     /// Number of poses that simplification takes into account; they are the first ones.
@@ -62,19 +65,29 @@ impl<'a> Poses<'a> {
         self.bones.len()
     }
 
-    /// The motion into one pose of each vertex with these influences.
-    pub fn motions_into(&self, pose: usize, influences: &[Influences]) -> Vec<Affine3A> {
-        self.blend.motions(&self.bones[pose], influences)
+    /// Vertices with these influences, to be moved into poses.
+    pub fn bind<'v>(&self, influences: &'v [Influences]) -> BoundVertices<'v> {
+        self.blend.bind(influences)
+    }
+
+    /// The motion of each vertex into one pose.
+    pub fn motions_into(&self, pose: usize, vertices: &BoundVertices<'_>) -> Vec<Affine3A> {
+        self.blend.motions(&self.bones[pose], vertices)
     }
 
     /// The motions into all poses.
     pub fn all_motions(&self, influences: &[Influences]) -> Motions {
-        Motions::new((0..self.all()).map(|pose| self.motions_into(pose, influences)).collect())
+        self.first_motions(self.all(), influences)
     }
 
     /// The motions into the first [`Self::count`] poses.
     pub fn motions(&self, influences: &[Influences]) -> Motions {
-        Motions::new((0..self.decisive).map(|pose| self.motions_into(pose, influences)).collect())
+        self.first_motions(self.decisive, influences)
+    }
+
+    fn first_motions(&self, poses: usize, influences: &[Influences]) -> Motions {
+        let vertices = self.bind(influences);
+        Motions::new((0..poses).map(|pose| self.motions_into(pose, &vertices)).collect())
     }
 
     /// As [`Self::motions`], with the influences at the closest points of the source, whose triangles `bvh` holds.
@@ -90,8 +103,7 @@ impl<'a> Poses<'a> {
 
     /// The positions of the source's vertices in a pose.
     pub fn source_in(&self, pose: usize) -> Vec<Vec3> {
-        let surface = &self.model.surface;
-        moved(&surface.positions, &self.motions_into(pose, &surface.influences))
+        moved(&self.model.surface.positions, &self.motions_into(pose, &self.source))
     }
 
     /// The mesh in each of the first [`Self::count`] poses.
@@ -133,12 +145,13 @@ fn representative<'p>(
 ) -> Vec<&'p Pose> {
     let step = surface.positions.len().div_ceil(SAMPLES).max(1);
     let influences: Vec<Influences> = surface.influences.iter().step_by(step).copied().collect();
+    let bound = blend.bind(&influences);
     let rest: Vec<Vec3> = surface.positions.iter().step_by(step).copied().collect();
     let poses: Vec<&Pose> = poses.iter().step_by(poses.len().div_ceil(MOST_COMPARED).max(1)).collect();
     let posed: Vec<Vec<Vec3>> = poses
         .iter()
         .take_while(|_| !cancellation.is_cancelled())
-        .map(|pose| centred(moved(&rest, &blend.motions(&blend.bones(pose), &influences))))
+        .map(|pose| centred(moved(&rest, &blend.motions(&blend.bones(pose), &bound))))
         .collect();
     let rest = centred(rest);
     let least_gain = LEAST_GAIN * rest.iter().map(|p| f64::from(p.length_squared())).sum::<f64>();

@@ -61,13 +61,13 @@ impl<'a> Skin<'a> {
     /// Brings the motions of `low` into `pose` up to date.
     pub(super) fn move_into(&self, pose: Option<usize>, low: &mut LowPoly) {
         if let Some(pose) = pose {
-            low.motions.set(pose, self.poses.motions_into(pose, &self.influences));
+            low.motions.set(pose, self.poses.motions_into(pose, &self.poses.bind(&self.influences)));
         }
     }
 
     /// Brings all motions of `low` up to date.
     pub(super) fn move_into_all(&self, low: &mut LowPoly) {
-        (0..self.poses.all()).for_each(|pose| self.move_into(Some(pose), low));
+        low.motions = self.poses.all_motions(&self.influences);
     }
 
     /// Adds the gradient by the weights that follows from `view`, with the vertices at `positions` in the rest pose.
@@ -135,7 +135,7 @@ mod tests {
         let mut adam = Adam::new(8);
         // The loss pulls the first vertex to a height of 0.8 in the pose.
         for _ in 0..400 {
-            let heights = poses.motions_into(0, &skin.influences);
+            let heights = poses.motions_into(0, &poses.bind(&skin.influences));
             let posed: Vec<Vec3> = heights.iter().map(|m| Vec3::Y * 2.0 * (m.translation.y - 0.8)).collect();
             let mut gradient = vec![Vec4::ZERO; 2];
             let posed = PosedGradient { pose: Some(0), posed: &posed, factor: 1.0 };

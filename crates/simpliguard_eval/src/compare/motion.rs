@@ -82,7 +82,7 @@ fn same_frame<'p>(pose: &Pose, all: &'p [Pose]) -> Option<&'p Pose> {
 /// A model whose vertices, normals and tangents have moved into a pose.
 fn in_pose(model: &Model, blend: &LinearBlend<'_>, pose: &Pose) -> Model {
     let mut surface = model.surface.clone();
-    let motions = blend.motions(&blend.bones(pose), &surface.influences);
+    let motions = blend.motions(&blend.bones(pose), &blend.bind(&surface.influences));
     for (position, motion) in surface.positions.iter_mut().zip(&motions) {
         *position = motion.transform_point3(*position);
     }

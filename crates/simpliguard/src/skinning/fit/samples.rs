@@ -56,9 +56,10 @@ impl Samples {
 
     /// The error of each pose with the given influences of the vertices.
     pub(super) fn errors(&self, poses: &Poses<'_>, mesh: &TriMesh, influences: &[Influences]) -> Vec<PoseError> {
+        let (own, source) = (poses.bind(influences), poses.bind(&self.source));
         let error = |pose: usize| {
-            let own = poses.motions_into(pose, influences);
-            let wanted = poses.motions_into(pose, &self.source);
+            let own = poses.motions_into(pose, &own);
+            let wanted = poses.motions_into(pose, &source);
             let posed: Vec<Vec3> =
                 mesh.positions.iter().zip(&own).map(|(p, motion)| motion.transform_point3(*p)).collect();
             let mut out = PoseError { half_gradient: vec![Vec3::ZERO; posed.len()], total: 0.0 };

@@ -5,8 +5,9 @@ use simpliguard::data::Document;
 
 use crate::inspect::document::index;
 
-/// Component type of 32-bit floats.
+/// Component types of 32-bit floats and of 16-bit numbers.
 const FLOAT: u64 = 5126;
+const UNSIGNED_SHORT: u64 = 5123;
 
 /// The elements of an accessor, without gaps between them.
 #[derive(Clone, Debug, PartialEq)]
@@ -56,6 +57,22 @@ impl Array {
         Some(self.bytes.chunks_exact(4).map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]])).collect())
     }
 
+    /// Floats from 0 to 1 in half the bytes, normalised; others as they are.
+    pub(super) fn narrowed(self) -> Self {
+        let Some(floats) = self.floats().filter(|floats| floats.iter().all(|x| (0.0..=1.0).contains(x))) else {
+            return self;
+        };
+        let short = |x: f32| ((x * f32::from(u16::MAX)).round() as u16).to_le_bytes();
+        let bytes = floats.into_iter().flat_map(short).collect();
+        let mut json = self.json;
+        json["componentType"] = UNSIGNED_SHORT.into();
+        json["normalized"] = true.into();
+        for bound in ["min", "max"] {
+            json.as_object_mut().map(|json| json.remove(bound));
+        }
+        Self { json, bytes, size: self.size / 2 }
+    }
+
     /// Positions as floats; `None` if they are of another type.
     pub(super) fn positions(&self) -> Option<Vec<[f32; 3]>> {
         (self.size == 12).then_some(())?;
@@ -72,7 +89,7 @@ impl Array {
     /// Indices as an array, each as narrow as they allow.
     pub(super) fn of_indices(indices: &[u32]) -> Self {
         let is_short = indices.iter().all(|&i| i < u32::from(u16::MAX));
-        let (kind, size) = if is_short { (5123, 2) } else { (5125, 4) };
+        let (kind, size) = if is_short { (UNSIGNED_SHORT, 2) } else { (5125, 4) };
         let bytes = indices.iter().flat_map(|i| i.to_le_bytes().into_iter().take(size)).collect();
         let json = serde_json::json!({"componentType": kind, "type": "SCALAR", "count": indices.len()});
         Self { json, bytes, size }
@@ -121,7 +138,7 @@ fn components(json: &Value) -> Option<usize> {
 fn component_bytes(json: &Value) -> Option<usize> {
     Some(match json.get("componentType")?.as_u64()? {
         5120 | 5121 => 1,
-        5122 | 5123 => 2,
+        5122 | UNSIGNED_SHORT => 2,
         5125 | FLOAT => 4,
         _ => return None,
     })
@@ -157,6 +174,19 @@ mod tests {
         assert_eq!(array.subset(&[2, 0]).and_then(|subset| subset.indices()), Some(vec![3, 1]));
         assert!(array.subset(&[3]).is_none());
         assert!(Array::read(&document, 1).is_none() && Array::read(&document, 2).is_none());
+    }
+
+    #[test]
+    fn floats_from_0_to_1_are_narrowed_and_others_are_not() {
+        let array = |floats: [f32; 2]| Array {
+            json: json!({"componentType": 5126, "type": "VEC2", "count": 1, "max": floats}),
+            bytes: floats.iter().flat_map(|x| x.to_le_bytes()).collect(),
+            size: 8,
+        };
+        let narrow = array([0.0, 1.0]).narrowed();
+        assert_eq!(narrow.json, json!({"componentType": 5123, "type": "VEC2", "count": 1, "normalized": true}));
+        assert_eq!((narrow.bytes, narrow.size), (vec![0, 0, 255, 255], 4));
+        assert_eq!(array([0.5, 1.5]).narrowed(), array([0.5, 1.5]));
     }
 
     #[test]

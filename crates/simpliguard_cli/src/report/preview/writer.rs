@@ -14,6 +14,8 @@ use crate::inspect::document::index;
 /// Vertex attributes of a decimated source that are kept: what a viewer without its second set of texture coordinates shows.
 const KEPT: [&str; 9] =
     ["POSITION", "NORMAL", "TEXCOORD_0", "TEXCOORD_1", "COLOR_0", "JOINTS_0", "WEIGHTS_0", "JOINTS_1", "WEIGHTS_1"];
+/// Beginnings of the names of those that a glTF may have as normalised 16-bit numbers.
+const MAY_BE_SHORT: [&str; 3] = ["TEXCOORD_", "COLOR_", "WEIGHTS_"];
 
 /// The accessors and the binary data of a new file.
 pub(super) struct Writer<'a> {
@@ -97,23 +99,26 @@ impl<'a> Writer<'a> {
         let (kept, indices) = compact(indices);
         let attributes = primitive.get_mut("attributes")?.as_object_mut()?;
         attributes.retain(|name, _| KEPT.contains(&name.as_str()));
-        self.subset_all(attributes, &kept)?;
+        for (name, value) in attributes {
+            let subset = self.subset(value, &kept)?;
+            let may_be_short = MAY_BE_SHORT.iter().any(|prefix| name.starts_with(prefix));
+            *value = self.array(&if may_be_short { subset.narrowed() } else { subset }, true).into();
+        }
         for target in primitive.get_mut("targets").and_then(Value::as_array_mut).into_iter().flatten() {
             let target = target.as_object_mut()?;
             target.retain(|name, _| KEPT.contains(&name.as_str()));
-            self.subset_all(target, &kept)?;
+            for value in target.values_mut() {
+                let subset = self.subset(value, &kept)?;
+                *value = self.array(&subset, true).into();
+            }
         }
         primitive["indices"] = self.array(&Array::of_indices(&indices), false).into();
         Some(())
     }
 
-    /// Replaces every index in an object by that of the accessor with these elements alone.
-    fn subset_all(&mut self, indices: &mut Map<String, Value>, kept: &[u32]) -> Option<()> {
-        for value in indices.values_mut() {
-            let array = Array::read(self.document, usize::try_from(value.as_u64()?).ok()?)?.subset(kept)?;
-            *value = self.array(&array, true).into();
-        }
-        Some(())
+    /// Some elements of the accessor with an index.
+    fn subset(&self, accessor: &Value, kept: &[u32]) -> Option<Array> {
+        Array::read(self.document, usize::try_from(accessor.as_u64()?).ok()?)?.subset(kept)
     }
 
     /// Copies the matrices of skins. `None` if they cannot be read.
