@@ -116,7 +116,7 @@ fn bake_texture() -> Vec<Option<SurfaceSample>> {
 
 #[divan::bench(sample_count = 5)]
 fn fit_texture_by_least_squares(bencher: Bencher<'_, '_>) {
-    let fitted = |mut low: LowPoly| fit_texture(&mut low, &SCENE.views, Some(&fit()), &Cancellation::default());
+    let fitted = |mut low: LowPoly| fit_texture(&mut low, &SCENE.views, Some(&fit()), &Cpu, &Cancellation::default());
     bencher.with_inputs(|| SCENE.low_poly()).bench_local_values(fitted);
 }
 

@@ -47,11 +47,11 @@ impl GpuDevice {
         let adapter = adapter::find(choice)?;
         let name = adapter::name(&adapter.get_info());
         let unsuitable = |found: String| GpuError::Unsuitable { name: name.clone(), found };
-        let descriptor = DeviceDescriptor {
-            label: Some("simpliguard"),
-            required_limits: Limits::default(),
-            ..DeviceDescriptor::default()
-        };
+        // Those of WebGPU, with as large buffers as there can be.
+        let Limits { max_storage_buffer_binding_size, max_buffer_size, .. } = adapter.limits();
+        let required_limits = Limits { max_storage_buffer_binding_size, max_buffer_size, ..Limits::default() };
+        let descriptor =
+            DeviceDescriptor { label: Some("simpliguard"), required_limits, ..DeviceDescriptor::default() };
         let opened = futures_lite::future::block_on(adapter.request_device(&descriptor));
         let (device, queue) = opened.map_err(|e| unsuitable(e.to_string()))?;
         let failure = Arc::new(Mutex::new(None));
@@ -154,6 +154,11 @@ impl GpuDevice {
             Some(failure) => Err(GpuError::Failed(failure.clone())),
             None => Ok(()),
         }
+    }
+
+    /// Number of submissions so far, unless the device is to be lost.
+    pub(crate) fn submissions(&self) -> u32 {
+        u32::MAX - self.fuse.load(Ordering::Relaxed)
     }
 
     /// Loses the device after so many submissions.

@@ -19,6 +19,12 @@ pub(crate) struct Terms {
     pub(crate) smoothness: f32,
     /// Where the partial sums of the view begin.
     pub(crate) first_partial: u32,
+    /// Every so many-th row and column of pixels counts in the texture, each pixel with a weight from 0 to 1.
+    pub(crate) pixel_stride: u32,
+    pub(crate) pixel_weight: f32,
+    /// Side of the coarse texture, zero without one, and the error at which a pixel counts half.
+    pub(crate) coarse_size: u32,
+    pub(crate) trust: f32,
 }
 
 /// The parameters as the shaders have them.
@@ -68,11 +74,11 @@ pub(crate) fn most_tiles(size: usize) -> usize {
 }
 
 impl Frame {
-    /// For views of `size` x `size` pixels.
-    pub(crate) fn new(gpu: &GpuDevice, low: &LowPoly, size: usize) -> Result<Self, GpuError> {
+    /// For views of `size` x `size` pixels. There is no gradient of `aliased` ones.
+    pub(crate) fn new(gpu: &GpuDevice, low: &LowPoly, size: usize, aliased: bool) -> Result<Self, GpuError> {
         let (pixels, triangles, positions) = (size * size, low.triangles.len(), low.positions.len());
         let buffer = |slot, what, bytes| Ok::<_, GpuError>((slot, gpu.buffer(what, bytes)?));
-        let buffers = vec![
+        let mut buffers = vec![
             buffer(Slot::Setups, "the set-up of the triangles", SETUP * triangles)?,
             buffer(Slot::Ids, "the visible triangles", 4 * pixels)?,
             buffer(Slot::Depth, "the depths", 4 * pixels)?,
@@ -80,13 +86,17 @@ impl Frame {
             buffer(Slot::Reach, "the reach of the silhouettes", 4 * 4 * pixels)?,
             buffer(Slot::Edges, "the edges of the silhouettes", 4 * 4 * pixels)?,
             buffer(Slot::Image, "the image", VECTOR * pixels)?,
-            buffer(Slot::Residual, "the residual", VECTOR * pixels)?,
-            buffer(Slot::ImageGradient, "the gradient at the image", VECTOR * pixels)?,
-            buffer(Slot::BaseGradient, "the gradient at the colours", VECTOR * pixels)?,
-            buffer(Slot::CornerGradients, "the gradients at the corners", 3 * VECTOR * triangles)?,
-            buffer(Slot::EndGradients, "the gradients at the edges", 6 * VECTOR * triangles)?,
-            buffer(Slot::VertexGradients, "the gradients at the vertices", VECTOR * positions)?,
         ];
+        if !aliased {
+            buffers.extend([
+                buffer(Slot::Residual, "the residual", VECTOR * pixels)?,
+                buffer(Slot::ImageGradient, "the gradient at the image", VECTOR * pixels)?,
+                buffer(Slot::BaseGradient, "the gradient at the colours", VECTOR * pixels)?,
+                buffer(Slot::CornerGradients, "the gradients at the corners", 3 * VECTOR * triangles)?,
+                buffer(Slot::EndGradients, "the gradients at the edges", 6 * VECTOR * triangles)?,
+                buffer(Slot::VertexGradients, "the gradients at the vertices", VECTOR * positions)?,
+            ]);
+        }
         let usage = BufferUsages::UNIFORM | BufferUsages::COPY_DST;
         Ok(Self {
             params: gpu.buffer_for("the parameters", size_of::<Params>(), usage)?,
@@ -143,7 +153,7 @@ impl Frame {
     }
 
     /// Finds visibility, and the blends across silhouettes.
-    pub(crate) fn find_visible(&self, gpu: &GpuDevice, pass: &mut ComputePass<'_>, bindings: &Bindings<'_>) {
+    fn find_visible(&self, gpu: &GpuDevice, pass: &mut ComputePass<'_>, bindings: &Bindings<'_>) {
         let (device, kernels) = (&gpu.device, &gpu.kernels);
         kernels.set_up.run(pass, device, bindings, groups(self.triangles, 64));
         kernels.rasterise.run(pass, device, bindings, self.tiles);
@@ -161,13 +171,24 @@ impl Frame {
         gpu.kernels.blend.run(pass, &gpu.device, bindings, self.tiles);
     }
 
-    /// Sums up the squared errors of each tile.
+    /// Draws the view and sums up the squared errors of each tile.
     pub(crate) fn squared_errors(&self, gpu: &GpuDevice, pass: &mut ComputePass<'_>, bindings: &Bindings<'_>) {
+        self.render(gpu, pass, bindings);
         gpu.kernels.squared_errors.run(pass, &gpu.device, bindings, self.tiles);
     }
 
-    /// Adds the pixels to the normal equations of the texture.
+    /// The same without antialiasing, of the means of four pixels.
+    pub(crate) fn squared_errors_of_means(&self, gpu: &GpuDevice, pass: &mut ComputePass<'_>, bindings: &Bindings<'_>) {
+        let (device, kernels) = (&gpu.device, &gpu.kernels);
+        kernels.set_up.run(pass, device, bindings, groups(self.triangles, 64));
+        kernels.rasterise.run(pass, device, bindings, self.tiles);
+        kernels.shade.run(pass, device, bindings, self.tiles);
+        kernels.squared_errors_of_means.run(pass, device, bindings, self.tiles);
+    }
+
+    /// Adds the pixels of the view to the normal equations of the texture.
     pub(crate) fn assemble(&self, gpu: &GpuDevice, pass: &mut ComputePass<'_>, bindings: &Bindings<'_>) {
+        self.find_visible(gpu, pass, bindings);
         gpu.kernels.assemble.run(pass, &gpu.device, bindings, self.tiles);
     }
 

@@ -8,8 +8,10 @@ use simpliguard::refine::{Backend, CoveredViews, DeviceError, LevelRenderer, Low
 use crate::adapter::Choice;
 use crate::device::GpuDevice;
 use crate::error::GpuError;
+use crate::frame::VECTOR;
 use crate::renderer::Renderer;
 use crate::self_test;
+use crate::texture_least_squares::SUMS;
 
 /// A GPU that refines levels. All levels and threads of a program share it.
 pub struct Gpu(GpuDevice);
@@ -39,6 +41,12 @@ impl Gpu {
         self.0.pace.set_limit(in_a_frame);
     }
 
+    /// Number of submissions so far; for tests of faults.
+    #[doc(hidden)]
+    pub fn submissions(&self) -> u32 {
+        self.0.submissions()
+    }
+
     /// Loses the device after so many submissions; for tests of faults.
     #[doc(hidden)]
     pub fn lose_after(&self, submissions: u32) {
@@ -51,6 +59,11 @@ impl Backend for Gpu {
 
     fn name(&self) -> &str {
         &self.0.name
+    }
+
+    fn can_hold(&self, view: usize, texture: usize) -> bool {
+        let largest = (VECTOR * view * view).max(SUMS * texture * texture);
+        largest as u64 <= self.0.device.limits().max_storage_buffer_binding_size
     }
 
     fn open<'a>(

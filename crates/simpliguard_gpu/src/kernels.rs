@@ -53,10 +53,11 @@ pub(crate) enum Slot {
     Heading,
     Product,
     Iteration,
+    Coarse,
 }
 
 /// Number of [`Slot`]s.
-const SLOTS: usize = Slot::Iteration as usize + 1;
+const SLOTS: usize = Slot::Coarse as usize + 1;
 
 /// Buffers in their slots.
 #[derive(Clone, Copy)]
@@ -150,13 +151,14 @@ kernels! {
     find_residual: Params Image SourceView Residual;
     image_loss: Params Residual ImageGradient Partials;
     squared_errors: Params Image SourceView Partials;
+    squared_errors_of_means: Params Base SourceView Partials;
     backward_blends: Params ImageGradient Reach Edges BaseGradient;
     backward_shading: Params Triangles Vertices Setups Ids Texels BaseGradient CornerGradients;
     backward_edges: Params Triangles Vertices Setups Reach Edges Base ImageGradient EndGradients;
     gather_vertices: Params Incidence CornerGradients EndGradients VertexGradients;
     clear_sums: Params PixelSums;
-    assemble: Params Triangles Setups Ids Reach Edges SourceView PixelSums;
-    regularise: Params Texels PixelSums Covered Rows Solution Heading;
+    assemble: Params Triangles Setups Ids Reach Edges SourceView PixelSums Coarse;
+    regularise: Params Texels PixelSums Covered Rows Solution Heading Coarse;
     begin_descent: Params Rows Heading Remainder Scaled Partials;
     multiply: Params Rows Heading Product Partials;
     step_solution: Params Rows Solution Remainder Scaled Heading Product Partials Iteration;

@@ -1,8 +1,8 @@
-//! What stays on the device for all steps of a level: triangles, views, texture.
+//! What stays on the device for all steps of a level: triangles and texture.
 
 use bytemuck::{Pod, Zeroable};
 use glam::Vec4;
-use simpliguard::refine::{CoveredViews, LowPoly, TexelGrid};
+use simpliguard::refine::{LowPoly, TexelGrid};
 use wgpu::Buffer;
 
 use crate::device::GpuDevice;
@@ -27,12 +27,10 @@ pub(crate) struct LevelBuffers {
     texels: Buffer,
     /// The texels that are on the device.
     sent: Vec<Vec4>,
-    /// The view of the source in each view.
-    views: Vec<Buffer>,
 }
 
 impl LevelBuffers {
-    pub(crate) fn new(gpu: &GpuDevice, low: &LowPoly, views: &CoveredViews<'_>) -> Result<Self, GpuError> {
+    pub(crate) fn new(gpu: &GpuDevice, low: &LowPoly) -> Result<Self, GpuError> {
         let triangle = |t: usize| Triangle {
             vertices: low.triangles[t],
             neighbours: low.neighbours[t],
@@ -41,14 +39,12 @@ impl LevelBuffers {
         let triangles: Vec<Triangle> = (0..low.triangles.len()).map(triangle).collect();
         let TexelGrid { covered, texels, .. } = &low.texture;
         let covered: Vec<u32> = covered.iter().map(|&covered| u32::from(covered)).collect();
-        let view = |view: &&simpliguard::render::View| gpu.buffer_of("a view", &view.image.pixels);
         Ok(Self {
             triangles: gpu.buffer_of("the triangles", &triangles)?,
             incidence: gpu.buffer_of("the corners of the vertices", &incidence(low))?,
             covered: gpu.buffer_of("the coverage of the texture", &covered)?,
             texels: gpu.buffer_of("the texture", texels)?,
             sent: texels.clone(),
-            views: views.views.iter().map(view).collect::<Result<_, _>>()?,
         })
     }
 
@@ -61,13 +57,12 @@ impl LevelBuffers {
     }
 
     /// The buffers that all kernels may use.
-    pub(crate) fn bindings(&self, view: usize) -> [(Slot, &Buffer); 5] {
+    pub(crate) fn bindings(&self) -> [(Slot, &Buffer); 4] {
         [
             (Slot::Triangles, &self.triangles),
             (Slot::Incidence, &self.incidence),
             (Slot::Covered, &self.covered),
             (Slot::Texels, &self.texels),
-            (Slot::SourceView, &self.views[view]),
         ]
     }
 }

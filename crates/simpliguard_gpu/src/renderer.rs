@@ -2,7 +2,9 @@
 
 use glam::{Vec3, Vec4, Vec4Swizzles};
 use simpliguard::Cancellation;
-use simpliguard::refine::{BATCH, CoveredViews, DeviceError, Drawing, LevelRenderer, LossTerms, LowPoly, ViewGradient};
+use simpliguard::refine::{
+    BATCH, CoveredViews, DeviceError, Drawing, LeastSquares, LevelRenderer, LossTerms, LowPoly, ViewGradient,
+};
 use simpliguard::render::{Rect, View};
 use wgpu::{Buffer, BufferUsages, ComputePass, ComputePassDescriptor};
 
@@ -11,20 +13,22 @@ use crate::error::GpuError;
 use crate::frame::{Frame, Terms, VECTOR, most_tiles};
 use crate::kernels::{Bindings, Slot};
 use crate::level_buffers::LevelBuffers;
+use crate::source_views::SourceViews;
 use crate::texture_least_squares::TextureSolver;
 
 /// A level, its views, and the buffers to render it with.
 pub(crate) struct Renderer<'a> {
-    gpu: &'a GpuDevice,
-    views: CoveredViews<'a>,
-    cancellation: &'a Cancellation,
+    pub(crate) gpu: &'a GpuDevice,
+    pub(crate) views: CoveredViews<'a>,
+    pub(crate) cancellation: &'a Cancellation,
+    source: SourceViews,
     level: LevelBuffers,
     /// One for each view of a step, made as they are needed.
-    frames: Vec<Frame>,
+    pub(crate) frames: Vec<Frame>,
     /// Partial sums: of the tiles of each view that is scored, or of a step.
     partials: Buffer,
     /// Made with the first texture.
-    solver: Option<TextureSolver>,
+    pub(crate) solver: Option<TextureSolver>,
 }
 
 impl<'a> Renderer<'a> {
@@ -38,7 +42,8 @@ impl<'a> Renderer<'a> {
         Ok(Self {
             gpu,
             cancellation,
-            level: LevelBuffers::new(gpu, low, &views)?,
+            source: SourceViews::new(gpu, &views)?,
+            level: LevelBuffers::new(gpu, low)?,
             frames: Vec::new(),
             partials: gpu.buffer("the partial sums", partials)?,
             solver: None,
@@ -47,33 +52,41 @@ impl<'a> Renderer<'a> {
     }
 
     /// Makes `count` frames, if they are not there yet, and sends the texture if it has changed.
-    fn update(&mut self, low: &LowPoly, count: usize) -> Result<(), GpuError> {
+    pub(crate) fn update(&mut self, low: &LowPoly, count: usize) -> Result<(), GpuError> {
         while self.frames.len() < count {
-            self.frames.push(Frame::new(self.gpu, low, self.views.size())?);
+            self.frames.push(Frame::new(self.gpu, low, self.views.size(), self.views.aliased)?);
         }
         self.level.update_texture(self.gpu, &low.texture.texels);
         Ok(())
     }
 
+    /// A view, and the rectangle that the source covers in it.
     fn view(&self, view: usize) -> (&'a View, Rect) {
         (self.views.views[view], self.views.rects[view])
     }
 
+    /// Sends what a frame needs for a view.
+    pub(crate) fn prepare(&mut self, low: &LowPoly, frame: usize, view: usize, terms: Terms) {
+        let view = self.view(view);
+        self.source.send(self.gpu, view.0);
+        self.frames[frame].prepare(self.gpu, low, view, terms);
+    }
+
     /// All buffers for a view in a frame.
-    fn bindings(&self, frame: usize, view: usize) -> Bindings<'_> {
-        let partials = [(Slot::Partials, &self.partials)];
-        self.frames[frame].bindings().and(self.level.bindings(view)).and(partials)
+    pub(crate) fn bindings(&self, frame: usize, view: usize) -> Bindings<'_> {
+        let own = [(Slot::Partials, &self.partials), (Slot::SourceView, self.source.buffer(view))];
+        self.frames[frame].bindings().and(self.level.bindings()).and(own)
     }
 
     /// Sends the commands of one pass.
-    fn submit(&self, record: impl FnOnce(&mut ComputePass<'_>)) -> Result<(), GpuError> {
+    pub(crate) fn submit(&self, record: impl FnOnce(&mut ComputePass<'_>)) -> Result<(), GpuError> {
         let mut encoder = self.gpu.device.create_command_encoder(&Default::default());
         record(&mut encoder.begin_compute_pass(&ComputePassDescriptor::default()));
         self.gpu.submit(encoder).map(drop)
     }
 
     /// Waits for the content of some buffers.
-    fn read(&self, buffers: &[(&Buffer, usize)]) -> Result<Vec<u8>, GpuError> {
+    pub(crate) fn read(&self, buffers: &[(&Buffer, usize)]) -> Result<Vec<u8>, GpuError> {
         let bytes = buffers.iter().map(|(_, bytes)| bytes).sum();
         let usage = BufferUsages::MAP_READ | BufferUsages::COPY_DST;
         let staging = self.gpu.buffer_for("the result", bytes, usage)?;
@@ -96,9 +109,7 @@ impl<'a> Renderer<'a> {
         let most = most_tiles(self.views.size());
         for (k, &index) in views.iter().enumerate() {
             let first_partial = (k * most) as u32;
-            let terms = Terms { background, gradient_weight, first_partial, ..Terms::default() };
-            let view = self.view(index);
-            self.frames[k].prepare(self.gpu, low, view, terms);
+            self.prepare(low, k, index, Terms { background, gradient_weight, first_partial, ..Terms::default() });
             let bindings = self.bindings(k, index);
             self.submit(|pass| {
                 self.frames[k].render(self.gpu, pass, &bindings);
@@ -136,19 +147,18 @@ impl<'a> Renderer<'a> {
         let most = most_tiles(self.views.size());
         let mut tiles = Vec::new();
         for index in (0..self.views.views.len()).take_while(|_| !self.cancellation.is_cancelled()) {
-            let view = self.view(index);
-            let terms = Terms { first_partial: (index * most) as u32, ..Terms::default() };
-            self.frames[0].prepare(self.gpu, low, view, terms);
+            self.prepare(low, 0, index, Terms { first_partial: (index * most) as u32, ..Terms::default() });
             tiles.push(self.frames[0].tiles());
-            let bindings = self.bindings(0, index);
-            self.submit(|pass| {
-                self.frames[0].render(self.gpu, pass, &bindings);
-                self.frames[0].squared_errors(self.gpu, pass, &bindings);
+            let (frame, bindings) = (&self.frames[0], self.bindings(0, index));
+            self.submit(|pass| match self.views.aliased {
+                true => frame.squared_errors_of_means(self.gpu, pass, &bindings),
+                false => frame.squared_errors(self.gpu, pass, &bindings),
             })?;
         }
         let bytes = self.read(&[(&self.partials, VECTOR * most * tiles.len())])?;
         let sums: Vec<Vec4> = bytemuck::pod_collect_to_vec(&bytes);
-        let pixels = (3 * self.views.size().pow(2)) as f64;
+        let side = if self.views.aliased { self.views.size() / 2 } else { self.views.size() };
+        let pixels = (3 * side.pow(2)) as f64;
         let error = |(view, tiles): (usize, usize)| {
             let sums = sums[view * most..view * most + tiles].iter();
             0.5 * sums.map(|sum| f64::from(sum.x) + f64::from(sum.y)).sum::<f64>() / pixels
@@ -170,41 +180,6 @@ impl<'a> Renderer<'a> {
         let bytes = self.read(&wanted)?;
         let (ids, colors) = bytes.split_at(4 * size * size);
         Ok(Drawing { ids: bytemuck::pod_collect_to_vec(ids), colors: bytemuck::pod_collect_to_vec(colors) })
-    }
-
-    fn try_solve_texture(&mut self, low: &mut LowPoly, stride: usize, smoothness: f32) -> Result<(), GpuError> {
-        self.update(low, 1)?;
-        let solver = match self.solver.take() {
-            Some(solver) => solver,
-            None => TextureSolver::new(self.gpu, low.texture.size)?,
-        };
-        let terms = Terms { smoothness, ..Terms::default() };
-        for (k, index) in (0..self.views.views.len()).step_by(stride).enumerate() {
-            if self.cancellation.is_cancelled() {
-                break;
-            }
-            let view = self.view(index);
-            self.frames[0].prepare(self.gpu, low, view, terms);
-            let bindings = self.bindings(0, index).and(solver.bindings());
-            self.submit(|pass| {
-                if k == 0 {
-                    solver.clear(self.gpu, pass, &bindings);
-                }
-                self.frames[0].find_visible(self.gpu, pass, &bindings);
-                self.frames[0].assemble(self.gpu, pass, &bindings);
-            })?;
-        }
-        if !self.cancellation.is_cancelled() && !self.views.views.is_empty() {
-            let bindings = self.bindings(0, 0).and(solver.bindings());
-            self.submit(|pass| solver.begin(self.gpu, pass, &bindings))?;
-            for _ in 0..TextureSolver::PIECES {
-                self.submit(|pass| solver.go_on(self.gpu, pass, &bindings))?;
-            }
-            let bytes = self.read(&[solver.solution()])?;
-            solver.take(&bytes, &mut low.texture);
-        }
-        self.solver = Some(solver);
-        Ok(())
     }
 }
 
@@ -240,8 +215,8 @@ impl LevelRenderer for Renderer<'_> {
         Ok(self.try_errors(low)?)
     }
 
-    fn solve_texture(&mut self, low: &mut LowPoly, stride: usize, smoothness: f32) -> Result<(), DeviceError> {
-        Ok(self.try_solve_texture(low, stride, smoothness)?)
+    fn solve_texture(&mut self, low: &mut LowPoly, terms: LeastSquares) -> Result<(), DeviceError> {
+        Ok(self.try_solve_texture(low, terms)?)
     }
 
     fn draw(&mut self, low: &LowPoly, view: usize) -> Result<Drawing, DeviceError> {

@@ -2,19 +2,28 @@
 //! gradients. The method is that of `refine/texture_least_squares` of the pipeline.
 
 use glam::Vec4;
-use simpliguard::refine::TexelGrid;
+use simpliguard::refine::{LeastSquares, LowPoly, TexelGrid};
 use simpliguard::render::fill_unknown;
 use wgpu::{Buffer, ComputePass};
 
 use crate::device::GpuDevice;
 use crate::error::GpuError;
-use crate::frame::VECTOR;
+use crate::frame::{Terms, VECTOR};
 use crate::kernels::{Bindings, Slot, groups};
+use crate::renderer::Renderer;
 
-/// Iterations of the conjugate gradients that are sent to the device at once.
-const ITERATIONS: usize = 5;
+/// Smallest smoothness of the coarse solution, and the stride of its pixels.
+const COARSE_SMOOTHNESS: f32 = 2.0;
+const COARSE_STRIDE: u32 = 2;
+/// Iterations of the conjugate gradients, and of those that start from a coarse solution.
+const ITERATIONS: usize = 30;
+const NESTED_ITERATIONS: usize = 8;
+/// Iterations that are sent to the device at once.
+const PIECE: usize = 5;
 /// Texels of a workgroup.
 const PER_GROUP: usize = 256;
+/// Bytes of the sums over pixels, for each texel.
+pub(crate) const SUMS: usize = 4 * VECTOR;
 
 /// Buffers of the equations of a texture.
 pub(crate) struct TextureSolver {
@@ -23,17 +32,23 @@ pub(crate) struct TextureSolver {
     solution: Buffer,
 }
 
-impl TextureSolver {
-    /// Number of pieces of the iteration.
-    pub(crate) const PIECES: usize = 6;
+/// A solution of half the side, which the one at full size starts from and trusts pixels by.
+struct CoarseSolution {
+    size: usize,
+    /// The texels, then how much each of them has changed.
+    texels_and_changes: Vec<Vec4>,
+    /// Error of a pixel's colour, 0 to 1, at which the pixel counts half.
+    scale: f32,
+}
 
+impl TextureSolver {
     /// For a texture of `size` x `size` texels.
-    pub(crate) fn new(gpu: &GpuDevice, size: usize) -> Result<Self, GpuError> {
+    fn new(gpu: &GpuDevice, size: usize) -> Result<Self, GpuError> {
         let texels = size * size;
         let [columns, rows] = groups(texels, PER_GROUP);
         let buffer = |slot, what, bytes| Ok::<_, GpuError>((slot, gpu.buffer(what, bytes)?));
         let buffers = vec![
-            buffer(Slot::PixelSums, "the sums over pixels", 4 * VECTOR * texels)?,
+            buffer(Slot::PixelSums, "the sums over pixels", SUMS * texels)?,
             buffer(Slot::Rows, "the normal equations", 2 * VECTOR * texels)?,
             buffer(Slot::Remainder, "the residual of the texture", VECTOR * texels)?,
             buffer(Slot::Scaled, "the scaled residual", VECTOR * texels)?,
@@ -46,23 +61,23 @@ impl TextureSolver {
         Ok(Self { texels, buffers, solution })
     }
 
-    pub(crate) fn bindings(&self) -> impl Iterator<Item = (Slot, &Buffer)> {
+    fn bindings(&self) -> impl Iterator<Item = (Slot, &Buffer)> {
         let own = self.buffers.iter().map(|(slot, buffer)| (*slot, buffer));
         own.chain([(Slot::Solution, &self.solution)])
     }
 
     /// The buffer with the solution, and its size.
-    pub(crate) fn solution(&self) -> (&Buffer, usize) {
+    fn solution(&self) -> (&Buffer, usize) {
         (&self.solution, VECTOR * self.texels)
     }
 
     /// Begins without any pixel.
-    pub(crate) fn clear(&self, gpu: &GpuDevice, pass: &mut ComputePass<'_>, bindings: &Bindings<'_>) {
+    fn clear(&self, gpu: &GpuDevice, pass: &mut ComputePass<'_>, bindings: &Bindings<'_>) {
         gpu.kernels.clear_sums.run(pass, &gpu.device, bindings, groups(self.texels, PER_GROUP));
     }
 
     /// Begins to solve the equations of all pixels so far.
-    pub(crate) fn begin(&self, gpu: &GpuDevice, pass: &mut ComputePass<'_>, bindings: &Bindings<'_>) {
+    fn begin(&self, gpu: &GpuDevice, pass: &mut ComputePass<'_>, bindings: &Bindings<'_>) {
         let (device, kernels, all) = (&gpu.device, &gpu.kernels, groups(self.texels, PER_GROUP));
         kernels.regularise.run(pass, device, bindings, all);
         kernels.begin_descent.run(pass, device, bindings, all);
@@ -70,10 +85,10 @@ impl TextureSolver {
         kernels.turn.run(pass, device, bindings, all);
     }
 
-    /// One piece of the iteration. Steps after the last needed one have no length.
-    pub(crate) fn go_on(&self, gpu: &GpuDevice, pass: &mut ComputePass<'_>, bindings: &Bindings<'_>) {
+    /// Some iterations. Steps after the last needed one have no length.
+    fn go_on(&self, gpu: &GpuDevice, pass: &mut ComputePass<'_>, bindings: &Bindings<'_>, iterations: usize) {
         let (device, kernels, all) = (&gpu.device, &gpu.kernels, groups(self.texels, PER_GROUP));
-        for _ in 0..ITERATIONS {
+        for _ in 0..iterations {
             kernels.multiply.run(pass, device, bindings, all);
             kernels.step_length.run(pass, device, bindings, [1, 1]);
             kernels.step_solution.run(pass, device, bindings, all);
@@ -83,12 +98,84 @@ impl TextureSolver {
     }
 
     /// Replaces a texture by the solution. Texels that neither a triangle covers nor a view sees take those around them.
-    pub(crate) fn take(&self, solution: &[u8], texture: &mut TexelGrid) {
+    fn take(&self, solution: &[u8], texture: &mut TexelGrid) {
         let solution: Vec<Vec4> = bytemuck::pod_collect_to_vec(solution);
         let TexelGrid { size, texels, covered, .. } = texture;
         let known: Vec<bool> = covered.iter().zip(&solution).map(|(covered, x)| *covered || x.w > 0.5).collect();
         let clamped = |x: &Vec4| x.clamp(Vec4::ZERO, Vec4::ONE).with_w(1.0);
         texels.iter_mut().zip(&solution).for_each(|(texel, x)| *texel = clamped(x));
         fill_unknown(texels, &known, *size);
+    }
+}
+
+impl Renderer<'_> {
+    /// Replaces the texture of `low` by the one that fits the views best. With a trust, a coarse solution comes first.
+    pub(crate) fn try_solve_texture(&mut self, low: &mut LowPoly, terms: LeastSquares) -> Result<(), GpuError> {
+        let Some(scale) = terms.trust else { return self.solve(low, terms, (1, ITERATIONS), None) };
+        let mut half = low.halved();
+        let initial = half.texture.texels.clone();
+        let coarse_terms = LeastSquares { smoothness: terms.smoothness.max(COARSE_SMOOTHNESS), ..terms };
+        Renderer::new(self.gpu, &half, self.views.clone(), self.cancellation)?.solve(
+            &mut half,
+            coarse_terms,
+            (COARSE_STRIDE, ITERATIONS),
+            None,
+        )?;
+        let TexelGrid { size, mut texels, .. } = half.texture;
+        let changes: Vec<Vec4> = texels.iter().zip(initial).map(|(after, before)| *after - before).collect();
+        texels.extend(changes);
+        let coarse = CoarseSolution { size, texels_and_changes: texels, scale };
+        self.solve(low, terms, (1, NESTED_ITERATIONS), Some(&coarse))
+    }
+
+    /// Solves with the pixels of every `pixel_stride`-th row and column, and starts from a coarse solution if there is one.
+    fn solve(
+        &mut self,
+        low: &mut LowPoly,
+        LeastSquares { stride, smoothness, .. }: LeastSquares,
+        (pixel_stride, iterations): (u32, usize),
+        coarse: Option<&CoarseSolution>,
+    ) -> Result<(), GpuError> {
+        self.update(low, 1)?;
+        let solver = match self.solver.take() {
+            Some(solver) => solver,
+            None => TextureSolver::new(self.gpu, low.texture.size)?,
+        };
+        let texels_and_changes = coarse.map_or(&[][..], |coarse| &coarse.texels_and_changes);
+        let coarse_buffer = self.gpu.buffer_of("the coarse texture", texels_and_changes)?;
+        let own: Vec<(Slot, &Buffer)> = solver.bindings().chain([(Slot::Coarse, &coarse_buffer)]).collect();
+        let terms = Terms {
+            smoothness,
+            pixel_stride,
+            pixel_weight: self.views.pixel_weight() * (pixel_stride * pixel_stride) as f32,
+            coarse_size: coarse.map_or(0, |coarse| coarse.size as u32),
+            trust: coarse.map_or(1.0, |coarse| coarse.scale),
+            ..Terms::default()
+        };
+        for (k, view) in (0..self.views.views.len()).step_by(stride).enumerate() {
+            if self.cancellation.is_cancelled() {
+                break;
+            }
+            self.prepare(low, 0, view, terms);
+            let bindings = self.bindings(0, view).and(own.iter().copied());
+            self.submit(|pass| {
+                if k == 0 {
+                    solver.clear(self.gpu, pass, &bindings);
+                }
+                self.frames[0].assemble(self.gpu, pass, &bindings);
+            })?;
+        }
+        if !self.cancellation.is_cancelled() && !self.views.views.is_empty() {
+            let bindings = self.bindings(0, 0).and(own.iter().copied());
+            self.submit(|pass| solver.begin(self.gpu, pass, &bindings))?;
+            for first in (0..iterations).step_by(PIECE) {
+                let count = PIECE.min(iterations - first);
+                self.submit(|pass| solver.go_on(self.gpu, pass, &bindings, count))?;
+            }
+            let bytes = self.read(&[solver.solution()])?;
+            solver.take(&bytes, &mut low.texture);
+        }
+        self.solver = Some(solver);
+        Ok(())
     }
 }

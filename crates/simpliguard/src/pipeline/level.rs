@@ -271,7 +271,7 @@ impl LevelTask<'_> {
         };
         let params = RefineParams { texture: fit, ..refine.vertices };
         // A device that fails leaves the whole level to the CPU, from its start.
-        let on_device = self.run.device().and_then(|device| {
+        let on_device = self.run.device(target.views, low.texture.size).and_then(|device| {
             let vertices = self.move_vertices_on(device, (low, &influences), &target, &params);
             vertices.inspect_err(|error| self.run.give_up_device(device, error)).ok()
         });
@@ -357,10 +357,27 @@ impl LevelTask<'_> {
             opacities.for_each(|(sample, opacity)| sample.iter_mut().for_each(|sample| sample.color.w = *opacity));
         }
         let fit = self.params.refine.enabled.then(|| texture.fit(&samples, Some(TRUST))).flatten();
-        let fitted = refine::fit_texture(&mut low, &self.all.views.aliased, fit.as_ref(), cancellation);
+        let (fitted, fitted_by) = self.fit_texture(&mut low, fit.as_ref());
         self.run.check()?;
         let refined = Some(Refined { psnr: fitted.psnr, ..refined.unwrap_or(fitted) });
-        Ok(Finished { low, influences, samples, cut_out, refined, device })
+        Ok(Finished { low, influences, samples, cut_out, refined, device: device.or(fitted_by) })
+    }
+
+    /// Fits the final texture. Returns the gain, and the device that has fitted it.
+    fn fit_texture(&self, low: &mut LowPoly, fit: Option<&TextureFit>) -> (Refined, Option<String>) {
+        let (views, cancellation) = (&self.all.views.aliased, self.run.cancellation());
+        let device = self.run.device(views, low.texture.size).filter(|_| low.texture.opacity.is_empty());
+        let on_device = device.and_then(|device| {
+            let mut fitted = low.clone();
+            let refined = refine::fit_texture(&mut fitted, views, fit, device, cancellation);
+            let refined = refined.inspect_err(|error| self.run.give_up_device(device, error)).ok()?;
+            low.texture = fitted.texture;
+            Some((refined, Some(device.name().to_owned())))
+        });
+        on_device.unwrap_or_else(|| {
+            let Ok(refined) = refine::fit_texture(low, views, fit, &Cpu, cancellation);
+            (refined, None)
+        })
     }
 }
 

@@ -8,6 +8,7 @@ use super::meter::Meter;
 use super::report::StageSeconds;
 use super::store::{Stored, decode, encode};
 use crate::refine::{Device, DeviceError};
+use crate::render::View;
 use crate::{Cancellation, Error, Key, PreviewSink, StageId, StageStore};
 
 /// The runner of one bake, or of one of its levels.
@@ -85,9 +86,11 @@ impl<'a> Runner<'a> {
         &self.context.cancellation
     }
 
-    /// The device that refines levels, unless there is none or it has failed.
-    pub(crate) fn device(&self) -> Option<&'a Device> {
-        self.context.device.filter(|_| self.device_failure.get().is_none())
+    /// The device that works on levels with `views` and a texture of `size` x `size` texels, unless there is none, it is too
+    /// small, or it has failed.
+    pub(crate) fn device(&self, views: &[View], size: usize) -> Option<&'a Device> {
+        let device = self.context.device.filter(|_| self.device_failure.get().is_none())?;
+        device.can_hold(views.first()?.image.size, size).then_some(device)
     }
 
     /// Does without the device from now on.

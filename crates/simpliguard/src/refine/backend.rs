@@ -27,8 +27,11 @@ pub trait Backend: Sync {
     /// Its name, for reports.
     fn name(&self) -> &str;
 
-    /// Takes what stays the same for many steps: the views, which are antialiased, and the triangles, texture coordinates and
-    /// texture size of a level.
+    /// It has the memory for views and for a texture of these sides, in pixels and in texels.
+    fn can_hold(&self, view: usize, texture: usize) -> bool;
+
+    /// Takes what stays the same for many steps: the views, and the triangles, texture coordinates and texture size of a
+    /// level.
     ///
     /// # Errors
     /// If the device fails, or cannot hold them.
@@ -47,7 +50,7 @@ pub trait LevelRenderer {
     /// The reason why it cannot go on.
     type Error;
 
-    /// Replaces `gradients` by those of the image losses of some views.
+    /// Replaces `gradients` by those of the image losses of some views, which must be antialiased.
     ///
     /// # Errors
     /// If the device fails.
@@ -65,12 +68,12 @@ pub trait LevelRenderer {
     /// If the device fails.
     fn errors(&mut self, low: &LowPoly) -> Result<Vec<f64>, Self::Error>;
 
-    /// Replaces the texture of `low` by the one that fits one view in `stride` best, starting from the present one.
-    /// `smoothness` is that of [`TextureFit`](super::TextureFit). Ends early if cancelled.
+    /// Replaces the texture of `low` by the one that fits the views best, starting from the present one. Ends early if
+    /// cancelled.
     ///
     /// # Errors
     /// If the device fails. The texture is then as it was.
-    fn solve_texture(&mut self, low: &mut LowPoly, stride: usize, smoothness: f32) -> Result<(), Self::Error>;
+    fn solve_texture(&mut self, low: &mut LowPoly, terms: LeastSquares) -> Result<(), Self::Error>;
 
     /// Draws a view alone, to compare devices.
     ///
@@ -86,6 +89,17 @@ pub struct LossTerms {
     pub background: f32,
     /// Weight of the image gradient.
     pub gradient_weight: f32,
+}
+
+/// Terms of the least squares of a texture.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LeastSquares {
+    /// One view in so many is fitted, from the first.
+    pub stride: usize,
+    /// That of [`TextureFit`](super::TextureFit).
+    pub smoothness: f32,
+    /// That of [`TextureFit`](super::TextureFit).
+    pub trust: Option<f32>,
 }
 
 /// The gradient of the image loss of one view.

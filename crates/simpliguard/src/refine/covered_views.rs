@@ -11,7 +11,7 @@ pub struct CoveredViews<'a> {
     pub rects: Vec<Rect>,
     /// The views are not antialiased: each pixel is one point, in the views as in the level's image, and they are scored by
     /// the means of four.
-    pub(super) aliased: bool,
+    pub aliased: bool,
 }
 
 /// Weight of a pixel of a view without antialiasing: four of them lie in one of an antialiased view.
@@ -24,6 +24,11 @@ impl<'a> CoveredViews<'a> {
         Self { views, rects, aliased: false }
     }
 
+    /// Views without antialiasing. Their sides are even.
+    pub fn aliased(views: Vec<&'a View>) -> Self {
+        Self { aliased: true, ..Self::new(views) }
+    }
+
     /// One view in `stride`, from the first.
     pub(super) fn every(&self, stride: usize) -> Self {
         let views = self.views.iter().copied().step_by(stride).collect();
@@ -31,7 +36,7 @@ impl<'a> CoveredViews<'a> {
     }
 
     /// Weight of a pixel when textures are fitted.
-    pub(super) fn pixel_weight(&self) -> f32 {
+    pub fn pixel_weight(&self) -> f32 {
         if self.aliased { ALIASED_PIXEL_WEIGHT } else { 1.0 }
     }
 

@@ -4,7 +4,7 @@ use std::convert::Infallible;
 
 use rayon::prelude::*;
 
-use super::backend::{BATCH, Backend, Drawing, LevelRenderer, LossTerms, ViewGradient};
+use super::backend::{BATCH, Backend, Drawing, LeastSquares, LevelRenderer, LossTerms, ViewGradient};
 use super::backward::Gradients;
 use super::covered_views::CoveredViews;
 use super::forward::FrameBuffers;
@@ -25,18 +25,22 @@ impl Backend for Cpu {
         "CPU"
     }
 
+    fn can_hold(&self, _: usize, _: usize) -> bool {
+        true
+    }
+
     fn open<'a>(
         &'a self,
         _: &LowPoly,
         views: CoveredViews<'a>,
         cancellation: &'a Cancellation,
     ) -> Result<Box<dyn LevelRenderer<Error = Infallible> + 'a>, Infallible> {
-        Ok(Box::new(CpuRenderer::new(views, cancellation)))
+        Ok(Box::new(CpuRenderer { views, cancellation, slots: Vec::new(), frames: Pool::new() }))
     }
 }
 
 /// Renders a level for some views.
-pub(super) struct CpuRenderer<'a> {
+struct CpuRenderer<'a> {
     views: CoveredViews<'a>,
     cancellation: &'a Cancellation,
     /// Made with the first step.
@@ -56,12 +60,6 @@ impl BatchSlot {
     /// For views of `size` x `size` pixels.
     pub(super) fn new(size: usize) -> Self {
         Self { frame: FrameBuffers::new(size), loss: ImageLoss::default(), gradients: Gradients::default() }
-    }
-}
-
-impl<'a> CpuRenderer<'a> {
-    pub(super) fn new(views: CoveredViews<'a>, cancellation: &'a Cancellation) -> Self {
-        Self { views, cancellation, slots: Vec::new(), frames: Pool::new() }
     }
 }
 
@@ -110,8 +108,9 @@ impl LevelRenderer for CpuRenderer<'_> {
         Ok(errors)
     }
 
-    fn solve_texture(&mut self, low: &mut LowPoly, stride: usize, smoothness: f32) -> Result<(), Infallible> {
-        solve_texture(low, &self.views.every(stride), smoothness, None, self.cancellation);
+    fn solve_texture(&mut self, low: &mut LowPoly, terms: LeastSquares) -> Result<(), Infallible> {
+        let LeastSquares { stride, smoothness, trust } = terms;
+        solve_texture(low, &self.views.every(stride), (smoothness, trust), self.cancellation);
         Ok(())
     }
 

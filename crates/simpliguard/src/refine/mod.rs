@@ -38,7 +38,7 @@ mod variables;
 mod view_order;
 mod view_target;
 
-pub use backend::{BATCH, Backend, Device, DeviceError, Drawing, LevelRenderer, LossTerms, ViewGradient};
+pub use backend::{BATCH, Backend, Device, DeviceError, Drawing, LeastSquares, LevelRenderer, LossTerms, ViewGradient};
 pub use covered_views::CoveredViews;
 pub use cpu::Cpu;
 pub use low_poly::{LowPoly, NO_NEIGHBOUR, TexelGrid};
@@ -92,14 +92,17 @@ pub fn refine<E>(
 /// not match the views held out better.
 ///
 /// Ends early if cancelled.
-pub fn fit_texture(
+///
+/// # Errors
+/// If the device fails. The texture is then unfinished. A cut-out needs [`Cpu`], which never fails.
+pub fn fit_texture<E>(
     low: &mut LowPoly,
     views: &[View],
     fit: Option<&TextureFit>,
+    backend: &dyn Backend<Error = E>,
     cancellation: &Cancellation,
-) -> Refined {
-    let Ok(refined) = fit_texture_to(&mut TrainValidationSplit::aliased(views, cancellation), low, fit);
-    refined
+) -> Result<Refined, E> {
+    fit_texture_to(&mut TrainValidationSplit::aliased(views, low, backend, cancellation)?, low, fit)
 }
 
 /// Fits the outlines of a cut-out to views without antialiasing. Keeps those it has if the fitted ones do not match the views
@@ -110,7 +113,7 @@ pub fn fit_opacity(low: &mut LowPoly, views: &[View], cancellation: &Cancellatio
     if low.texture.opacity.is_empty() {
         return;
     }
-    let mut split = TrainValidationSplit::aliased(views, cancellation);
+    let Ok(mut split) = TrainValidationSplit::aliased(views, low, &Cpu, cancellation);
     let (initial, Ok(before)) = (low.texture.opacity.clone(), split.score(low));
     opacity::fit_opacity(low, &split.train, cancellation);
     let Ok(after) = split.score(low);

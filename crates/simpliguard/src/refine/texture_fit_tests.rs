@@ -116,9 +116,10 @@ fn a_texture_is_found_in_views_without_antialiasing() {
     let card = card(&noise(), AlphaMode::Opaque);
     let views = |samples| views(&card, Sampling { size: 2 * SIZE / samples, samples });
     let (points, means) = (views(1), views(2));
-    let found = error(TrainValidationSplit::aliased(&points, &cancellation));
-    let Ok(split) = TrainValidationSplit::new(&means, &level(Vec::new()), &Cpu, &cancellation);
-    let compensated = error(split);
+    let level = level(Vec::new());
+    let Ok(of_points) = TrainValidationSplit::aliased(&points, &level, &Cpu, &cancellation);
+    let Ok(of_means) = TrainValidationSplit::new(&means, &level, &Cpu, &cancellation);
+    let (found, compensated) = (error(of_points), error(of_means));
     // Noise of 80 steps has a deviation of 23; rounding alone leaves 0.3.
     assert!(found < 0.02, "{found}");
     assert!(found < 0.5 * compensated, "{found} without antialiasing, {compensated} with it");

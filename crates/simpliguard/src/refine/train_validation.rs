@@ -1,14 +1,10 @@
 //! Views to fit (training) and views to score by (validation).
 
-use std::convert::Infallible;
-
-use super::backend::{Backend, LevelRenderer};
+use super::backend::{Backend, LeastSquares, LevelRenderer};
 use super::covered_views::CoveredViews;
-use super::cpu::CpuRenderer;
 use super::low_poly::LowPoly;
 use super::params::{Solver, TextureFit};
 use super::texture_adam::optimise_texture;
-use super::texture_least_squares::solve_texture;
 use crate::Cancellation;
 use crate::render::{View, decibels};
 
@@ -25,19 +21,12 @@ pub(super) struct TrainValidationSplit<'a, E> {
     cancellation: &'a Cancellation,
 }
 
-fn held_out(views: &[View], is_held_out: bool) -> CoveredViews<'_> {
-    let chosen = views.iter().enumerate().filter(|(i, _)| (i % HELD_OUT == HELD_OUT / 2) == is_held_out);
-    CoveredViews::new(chosen.map(|(_, view)| view).collect())
-}
-
-impl<'a> TrainValidationSplit<'a, Infallible> {
-    /// Views without antialiasing.
-    pub(super) fn aliased(views: &'a [View], cancellation: &'a Cancellation) -> Self {
-        let [train, validation] = [false, true].map(|is| CoveredViews { aliased: true, ..held_out(views, is) });
-        let renderer = |views: &CoveredViews<'a>| Box::new(CpuRenderer::new(views.clone(), cancellation));
-        let (train_renderer, validation_renderer) = (renderer(&train), renderer(&validation));
-        Self { train, train_renderer, validation_renderer, texture_stride: 1, cancellation }
-    }
+/// The views to fit, and those to score by.
+fn split(views: &[View]) -> [Vec<&View>; 2] {
+    [false, true].map(|is_held_out| {
+        let chosen = views.iter().enumerate().filter(|(i, _)| (i % HELD_OUT == HELD_OUT / 2) == is_held_out);
+        chosen.map(|(_, view)| view).collect()
+    })
 }
 
 impl<'a, E> TrainValidationSplit<'a, E> {
@@ -48,9 +37,27 @@ impl<'a, E> TrainValidationSplit<'a, E> {
         backend: &'a dyn Backend<Error = E>,
         cancellation: &'a Cancellation,
     ) -> Result<Self, E> {
-        let train = held_out(views, false);
+        Self::of(split(views).map(CoveredViews::new), low, backend, cancellation)
+    }
+
+    /// The same of views without antialiasing.
+    pub(super) fn aliased(
+        views: &'a [View],
+        low: &LowPoly,
+        backend: &'a dyn Backend<Error = E>,
+        cancellation: &'a Cancellation,
+    ) -> Result<Self, E> {
+        Self::of(split(views).map(CoveredViews::aliased), low, backend, cancellation)
+    }
+
+    fn of(
+        [train, validation]: [CoveredViews<'a>; 2],
+        low: &LowPoly,
+        backend: &'a dyn Backend<Error = E>,
+        cancellation: &'a Cancellation,
+    ) -> Result<Self, E> {
         let train_renderer = backend.open(low, train.clone(), cancellation)?;
-        let validation_renderer = backend.open(low, held_out(views, true), cancellation)?;
+        let validation_renderer = backend.open(low, validation, cancellation)?;
         Ok(Self { train, train_renderer, validation_renderer, texture_stride: 1, cancellation })
     }
 
@@ -61,14 +68,15 @@ impl<'a, E> TrainValidationSplit<'a, E> {
 
     /// Fits the texture of `low` to the training views, unless `fit` is `None`.
     pub(super) fn fit_texture(&mut self, low: &mut LowPoly, fit: Option<&TextureFit>) -> Result<(), E> {
-        let Some(TextureFit { smoothness, trust, solver }) = fit else { return Ok(()) };
-        let views = || self.train.every(self.texture_stride);
-        match (solver, trust) {
-            (Solver::LeastSquares, None) => {
-                return self.train_renderer.solve_texture(low, self.texture_stride, *smoothness);
+        let Some(&TextureFit { smoothness, trust, solver }) = fit else { return Ok(()) };
+        let stride = self.texture_stride;
+        match solver {
+            Solver::LeastSquares => {
+                return self.train_renderer.solve_texture(low, LeastSquares { stride, smoothness, trust });
             }
-            (Solver::LeastSquares, trust) => solve_texture(low, &views(), *smoothness, *trust, self.cancellation),
-            (Solver::Adam(adam), _) => optimise_texture(low, &views(), *smoothness, adam, self.cancellation),
+            Solver::Adam(adam) => {
+                optimise_texture(low, &self.train.every(stride), smoothness, &adam, self.cancellation);
+            }
         }
         Ok(())
     }

@@ -40,7 +40,7 @@ fn backward_blends(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invoc
 fn by_corners(t: u32, setup: Setup, pixel: vec2<u32>, gradient: vec4<f32>) -> array<vec3<f32>, 3> {
     let ndc = ndc_of(pixel);
     let at = barycentric_at(setup, ndc);
-    let lookup = lookup_at(uv_at(t, at.xyz));
+    let lookup = lookup_at(uv_at(t, at.xyz), params.texture_size);
     let k = lookup.texel;
     let t00 = texels[k];
     let t10 = texels[k + 1u];

@@ -24,6 +24,12 @@ struct Params {
     smoothness: f32,
     // Where the partial sums of this view begin.
     first_partial: u32,
+    // Every so many-th row and column of pixels counts in the texture, each pixel with a weight from 0 to 1.
+    pixel_stride: u32,
+    pixel_weight: f32,
+    // Side of the coarse texture, zero without one, and the error at which a pixel counts half.
+    coarse_size: u32,
+    trust: f32,
 }
 
 struct Triangle {
@@ -131,11 +137,11 @@ struct Lookup {
     y: f32,
 }
 
-fn lookup_at(uv: vec2<f32>) -> Lookup {
-    let last = f32(params.texture_size) - 1.001;
+fn lookup_at(uv: vec2<f32>, size: u32) -> Lookup {
+    let last = f32(size) - 1.001;
     let at = clamp(uv - 0.5, vec2<f32>(0.0), vec2<f32>(last));
     let whole = vec2<u32>(at);
-    return Lookup(whole.y * params.texture_size + whole.x, at.x - f32(whole.x), at.y - f32(whole.y));
+    return Lookup(whole.y * size + whole.x, at.x - f32(whole.x), at.y - f32(whole.y));
 }
 
 fn weights_of(lookup: Lookup) -> vec4<f32> {

@@ -145,7 +145,7 @@ fn shade(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_id) 
     var color = vec4<f32>(0.0);
     if id != EMPTY_PIXEL {
         let barycentric = barycentric_at(setups[id], ndc_of(pixel)).xyz;
-        let lookup = lookup_at(uv_at(id, barycentric));
+        let lookup = lookup_at(uv_at(id, barycentric), params.texture_size);
         let weights = weights_of(lookup);
         let k = lookup.texel;
         color = texels[k] * weights.x

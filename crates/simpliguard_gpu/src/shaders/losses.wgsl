@@ -50,6 +50,12 @@ fn image_loss(
     }
 }
 
+// Of a difference of colours: its square over black, and over white.
+fn squares_of(d: vec4<f32>) -> vec4<f32> {
+    let over_white = d.rgb - d.a;
+    return vec4<f32>(dot(d.rgb, d.rgb), dot(over_white, over_white), 0.0, 0.0);
+}
+
 // The squared errors of each tile over black and over white.
 @compute @workgroup_size(16, 16)
 fn squared_errors(
@@ -60,9 +66,38 @@ fn squared_errors(
     let pixel = pixel_of(group, local);
     var errors = vec4<f32>(0.0);
     if is_within(pixel) {
-        let d = difference_at(index_of(pixel));
-        let over_white = d.rgb - d.a;
-        errors = vec4<f32>(dot(d.rgb, d.rgb), dot(over_white, over_white), 0.0, 0.0);
+        errors = squares_of(difference_at(index_of(pixel)));
+    }
+    let sum = sum_of_group(errors, index);
+    if index == 0u {
+        partials[params.first_partial + group.y * params.tiles_in_row + group.x] = sum;
+    }
+}
+
+// The difference of the colours before antialiasing. Beyond the rectangle there is nothing to compare.
+fn base_difference_at(pixel: vec2<u32>) -> vec4<f32> {
+    if !is_within(pixel) {
+        return vec4<f32>(0.0);
+    }
+    let i = index_of(pixel);
+    return base[i] - unpack4x8unorm(source_view[i]);
+}
+
+// The same of an image without antialiasing, whose pixels are compared as means of two by two.
+@compute @workgroup_size(16, 16)
+fn squared_errors_of_means(
+    @builtin(workgroup_id) group: vec3<u32>,
+    @builtin(local_invocation_id) local: vec3<u32>,
+    @builtin(local_invocation_index) index: u32,
+) {
+    let pixel = pixel_of(group, local);
+    var errors = vec4<f32>(0.0);
+    if pixel.x % 2u == 0u && pixel.y % 2u == 0u {
+        let four = base_difference_at(pixel)
+            + base_difference_at(pixel + vec2<u32>(1u, 0u))
+            + base_difference_at(pixel + vec2<u32>(0u, 1u))
+            + base_difference_at(pixel + vec2<u32>(1u, 1u));
+        errors = squares_of(four * 0.25);
     }
     let sum = sum_of_group(errors, index);
     if index == 0u {

@@ -35,6 +35,9 @@ struct Iteration {
 
 @group(0) @binding(29) var<storage, read_write> iteration: Iteration;
 
+// A first solution of half the side: its texels, then how much each of them has changed.
+@group(0) @binding(30) var<storage, read_write> coarse: array<vec4<f32>>;
+
 fn texel_count() -> u32 {
     return params.texture_size * params.texture_size;
 }
@@ -79,11 +82,32 @@ fn is_on_silhouette(pixel: vec2<u32>) -> bool {
     return false;
 }
 
+// The coarse texture at texture coordinates of the fine one; or, from `first` on, how it has changed.
+fn coarse_at(uv: vec2<f32>, first: u32) -> vec3<f32> {
+    let lookup = lookup_at(uv * 0.5, params.coarse_size);
+    let weights = weights_of(lookup);
+    let k = first + lookup.texel;
+    let color = coarse[k] * weights.x
+        + coarse[k + 1u] * weights.y
+        + coarse[k + params.coarse_size] * weights.z
+        + coarse[k + params.coarse_size + 1u] * weights.w;
+    return color.rgb;
+}
+
+// How much a pixel of this colour counts, by how well it agrees with the coarse texture.
+fn pixel_weight_of(uv: vec2<f32>, color: vec3<f32>) -> f32 {
+    if params.coarse_size == 0u {
+        return params.pixel_weight;
+    }
+    let error = coarse_at(uv, 0u) - color;
+    return params.pixel_weight / (1.0 + dot(error, error) / (params.trust * params.trust));
+}
+
 // Adds the pixels of a view that lie wholly on the source and on the level.
 @compute @workgroup_size(16, 16)
 fn assemble(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_id) local: vec3<u32>) {
     let pixel = pixel_of(group, local);
-    if !is_within(pixel) {
+    if !is_within(pixel) || any((pixel - params.rect.xy) % params.pixel_stride != vec2<u32>(0u)) {
         return;
     }
     let i = index_of(pixel);
@@ -93,26 +117,29 @@ fn assemble(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_i
         return;
     }
     let color = unpack4x8unorm(packed).rgb;
-    let lookup = lookup_at(uv_at(id, barycentric_at(setups[id], ndc_of(pixel)).xyz));
+    let uv = uv_at(id, barycentric_at(setups[id], ndc_of(pixel)).xyz);
+    let weight = pixel_weight_of(uv, color);
+    let lookup = lookup_at(uv, params.texture_size);
     let w = weights_of(lookup);
+    let weighted = w * weight;
     let first = lookup.texel;
     let right = first + 1u;
     let below = first + params.texture_size;
     let below_right = below + 1u;
-    add_term(first, 0u, w.x * w.x);
-    add_term(first, 1u, w.x * w.y);
-    add_term(first, 2u, w.x * w.z);
-    add_term(first, 3u, w.x * w.w);
-    add_right_side(first, color * w.x);
-    add_term(right, 0u, w.y * w.y);
-    add_term(right, 2u, w.y * w.w);
-    add_term(right, 4u, w.y * w.z);
-    add_right_side(right, color * w.y);
-    add_term(below, 0u, w.z * w.z);
-    add_term(below, 1u, w.z * w.w);
-    add_right_side(below, color * w.z);
-    add_term(below_right, 0u, w.w * w.w);
-    add_right_side(below_right, color * w.w);
+    add_term(first, 0u, weighted.x * w.x);
+    add_term(first, 1u, weighted.x * w.y);
+    add_term(first, 2u, weighted.x * w.z);
+    add_term(first, 3u, weighted.x * w.w);
+    add_right_side(first, color * weighted.x);
+    add_term(right, 0u, weighted.y * w.y);
+    add_term(right, 2u, weighted.y * w.w);
+    add_term(right, 4u, weighted.y * w.z);
+    add_right_side(right, color * weighted.y);
+    add_term(below, 0u, weighted.z * w.z);
+    add_term(below, 1u, weighted.z * w.w);
+    add_right_side(below, color * weighted.z);
+    add_term(below_right, 0u, weighted.w * w.w);
+    add_right_side(below_right, color * weighted.w);
 }
 
 fn sum_at(texel: u32, slot: u32) -> f32 {
@@ -131,14 +158,18 @@ fn regularise(
     if i >= texel_count() {
         return;
     }
+    let size = params.texture_size;
     let own = texels[i].rgb;
+    var start = own;
+    if params.coarse_size != 0u {
+        start += coarse_at(vec2<f32>(vec2<u32>(i % size, i / size)) + 0.5, params.coarse_size * params.coarse_size);
+    }
     var a = vec4<f32>(sum_at(i, 0u), sum_at(i, 1u), sum_at(i, 2u), sum_at(i, 3u));
     var b = vec3<f32>(sum_at(i, 5u), sum_at(i, 6u), sum_at(i, 7u));
-    solution[i] = vec4<f32>(own, select(0.0, 1.0, a.x > 0.0));
+    solution[i] = vec4<f32>(start, select(0.0, 1.0, a.x > 0.0));
     a.x += PRIOR;
     b += PRIOR * own;
     if covered[i] != 0u {
-        let size = params.texture_size;
         let x = i % size;
         let y = i / size;
         if x + 1u < size && covered[i + 1u] != 0u {
@@ -161,7 +192,7 @@ fn regularise(
         }
     }
     rows[i] = Row(a, vec4<f32>(b, sum_at(i, 4u)));
-    heading[i] = vec4<f32>(own, 0.0);
+    heading[i] = vec4<f32>(start, 0.0);
 }
 
 // The row of texel `i` times the heading. Couplings across the texture's border are zero.

@@ -3,7 +3,7 @@
 use glam::{Vec3, Vec4};
 use simpliguard::Cancellation;
 use simpliguard::refine::{
-    BATCH, Backend, CoveredViews, Cpu, Drawing, LevelRenderer, LossTerms, LowPoly, ViewGradient,
+    BATCH, Backend, CoveredViews, Cpu, Drawing, LeastSquares, LevelRenderer, LossTerms, LowPoly, ViewGradient,
 };
 use simpliguard::render::View;
 use simpliguard_gpu::{Choice, Gpu};
@@ -20,10 +20,18 @@ fn scenes() -> [(&'static str, LowPoly); 3] {
 
 /// The results of `work` on the GPU and on the CPU.
 fn on_both<T>(gpu: &Gpu, low: &LowPoly, views: &[View], work: impl Fn(&mut dyn AnyRenderer) -> T) -> (T, T) {
+    on_both_with(gpu, low, &CoveredViews::new(views.iter().collect()), work)
+}
+
+fn on_both_with<T>(
+    gpu: &Gpu,
+    low: &LowPoly,
+    views: &CoveredViews<'_>,
+    work: impl Fn(&mut dyn AnyRenderer) -> T,
+) -> (T, T) {
     let cancellation = Cancellation::default();
-    let all = || CoveredViews::new(views.iter().collect());
-    let mut on_gpu = gpu.open(low, all(), &cancellation).expect("opens");
-    let Ok(mut on_cpu) = Cpu.open(low, all(), &cancellation);
+    let mut on_gpu = gpu.open(low, views.clone(), &cancellation).expect("opens");
+    let Ok(mut on_cpu) = Cpu.open(low, views.clone(), &cancellation);
     (work(&mut on_gpu), work(&mut on_cpu))
 }
 
@@ -32,7 +40,7 @@ trait AnyRenderer {
     fn draw(&mut self, low: &LowPoly, view: usize) -> Drawing;
     fn differentiate(&mut self, low: &LowPoly, terms: LossTerms) -> [ViewGradient; BATCH];
     fn errors(&mut self, low: &LowPoly) -> Vec<f64>;
-    fn solved(&mut self, low: &LowPoly, stride: usize) -> Vec<Vec4>;
+    fn solved(&mut self, low: &LowPoly, stride: usize, trust: Option<f32>) -> Vec<Vec4>;
 }
 
 impl<E: std::fmt::Debug> AnyRenderer for Box<dyn LevelRenderer<Error = E> + '_> {
@@ -50,9 +58,9 @@ impl<E: std::fmt::Debug> AnyRenderer for Box<dyn LevelRenderer<Error = E> + '_> 
         self.as_mut().errors(low).expect("scores")
     }
 
-    fn solved(&mut self, low: &LowPoly, stride: usize) -> Vec<Vec4> {
+    fn solved(&mut self, low: &LowPoly, stride: usize, trust: Option<f32>) -> Vec<Vec4> {
         let mut low = low.clone();
-        self.as_mut().solve_texture(&mut low, stride, 0.1).expect("solves");
+        self.as_mut().solve_texture(&mut low, LeastSquares { stride, smoothness: 0.1, trust }).expect("solves");
         low.texture.texels
     }
 }
@@ -109,15 +117,22 @@ fn norm(vectors: &[Vec3]) -> f64 {
     vectors.iter().map(|v| f64::from(v.length_squared())).sum::<f64>().sqrt()
 }
 
+/// Views as they are, and as if they were not antialiased.
+fn both_kinds(views: &[View]) -> [CoveredViews<'_>; 2] {
+    [CoveredViews::new, CoveredViews::aliased].map(|kind| kind(views.iter().collect()))
+}
+
 #[test]
 fn scores_are_those_of_the_cpu() {
     let Some(gpu) = gpu() else { return };
     for (name, low) in scenes() {
-        let views = views(&pair(&low), 5);
-        let (found, expected) = on_both(gpu, &low, &views, |renderer| renderer.errors(&low));
-        assert_eq!(found.len(), 5);
-        for (found, expected) in found.iter().zip(&expected) {
-            assert!((found - expected).abs() < 1e-5 * expected, "{name}: {found} and {expected}");
+        for views in both_kinds(&views(&pair(&low), 5)) {
+            let (found, expected) = on_both_with(gpu, &low, &views, |renderer| renderer.errors(&low));
+            assert_eq!(found.len(), 5);
+            for (found, expected) in found.iter().zip(&expected) {
+                let apart = (found - expected).abs() / expected;
+                assert!(apart < 1e-5, "{name}, aliased: {}: {found} and {expected}", views.aliased);
+            }
         }
     }
 }
@@ -130,15 +145,19 @@ fn the_texture_is_that_of_the_cpu() {
         let views = views(&source, 12);
         // The level has the vertices of the source: then its texture can be found.
         let low = LowPoly { positions: source.positions.clone(), ..low };
-        for stride in [1, 5] {
-            let (found, expected) = on_both(gpu, &low, &views, |renderer| renderer.solved(&low, stride));
-            let apart = |a: &[Vec4], b: &[Vec4]| {
-                a.iter().zip(b).map(|(a, b)| (*a - *b).abs().max_element()).fold(0.0, f32::max)
-            };
-            let change = apart(&expected, &low.texture.texels);
-            let error = apart(&expected, &found);
-            assert!(change > 0.05, "{name}: {change}");
-            assert!(error < 2e-3, "{name}, stride {stride}: texels differ by {error}, of a change of {change}");
+        for views in both_kinds(&views) {
+            for (stride, trust) in [(1, None), (5, None), (1, Some(0.3)), (1, Some(0.02))] {
+                let solved = |renderer: &mut dyn AnyRenderer| renderer.solved(&low, stride, trust);
+                let (found, expected) = on_both_with(gpu, &low, &views, solved);
+                let apart = |a: &[Vec4], b: &[Vec4]| {
+                    a.iter().zip(b).map(|(a, b)| (*a - *b).abs().max_element()).fold(0.0, f32::max)
+                };
+                let change = apart(&expected, &low.texture.texels);
+                let error = apart(&expected, &found);
+                let case = format!("{name}, stride {stride}, trust {trust:?}, aliased: {}", views.aliased);
+                assert!(change > 0.03, "{case}: {change}");
+                assert!(error < 2e-3, "{case}: texels differ by {error}, of a change of {change}");
+            }
         }
     }
 }
@@ -150,7 +169,7 @@ fn equal_runs_give_equal_bytes() {
     let views = views(&pair(&low), 6);
     let run = || {
         on_both(gpu, &low, &views, |renderer| {
-            (renderer.differentiate(&low, terms), renderer.errors(&low), renderer.solved(&low, 1))
+            (renderer.differentiate(&low, terms), renderer.errors(&low), renderer.solved(&low, 1, None))
         })
         .0
     };
@@ -171,7 +190,7 @@ fn a_renderer_follows_the_level() {
     let (after, fresh) = (
         on_both(gpu, &low, &views, |renderer| {
             renderer.differentiate(&low, terms);
-            renderer.solved(&low, 1);
+            renderer.solved(&low, 1, None);
             renderer.differentiate(&moved, terms)
         }),
         on_both(gpu, &low, &views, |renderer| renderer.differentiate(&moved, terms)),
@@ -193,7 +212,7 @@ fn a_lost_device_is_an_error_at_every_point() {
             let renderer = renderer.as_mut();
             renderer.differentiate(&low, VIEWS, terms, &mut Default::default())?;
             renderer.errors(&low)?;
-            renderer.solve_texture(&mut low, 1, 0.1)
+            renderer.solve_texture(&mut low, LeastSquares { stride: 1, smoothness: 0.1, trust: Some(0.3) })
         };
         let error = run().expect_err("the device is lost").to_string();
         assert!(error.starts_with("the device "), "{submissions}: {error}");

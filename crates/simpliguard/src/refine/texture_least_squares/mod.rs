@@ -41,8 +41,7 @@ const NESTED_ITERATIONS: usize = 8;
 pub(super) fn solve_texture(
     low: &mut LowPoly,
     views: &CoveredViews<'_>,
-    smoothness: f32,
-    trust: Option<f32>,
+    (smoothness, trust): (f32, Option<f32>),
     cancellation: &Cancellation,
 ) {
     let Some(scale) = trust else {
