@@ -215,7 +215,7 @@ impl LevelRenderer for Renderer<'_> {
         Ok(self.try_errors(low)?)
     }
 
-    fn solve_texture(&mut self, low: &mut LowPoly, terms: LeastSquares) -> Result<(), DeviceError> {
+    fn solve_texture(&mut self, low: &mut LowPoly, terms: LeastSquares<'_>) -> Result<(), DeviceError> {
         Ok(self.try_solve_texture(low, terms)?)
     }
 

@@ -2,7 +2,7 @@
 //! gradients. The method is that of `refine/texture_least_squares` of the pipeline.
 
 use glam::Vec4;
-use simpliguard::refine::{LeastSquares, LowPoly, TexelGrid};
+use simpliguard::refine::{CoarseSolution, LeastSquares, LowPoly, TexelGrid};
 use simpliguard::render::fill_unknown;
 use wgpu::{Buffer, ComputePass};
 
@@ -12,12 +12,6 @@ use crate::frame::{Terms, VECTOR};
 use crate::kernels::{Bindings, Slot, groups};
 use crate::renderer::Renderer;
 
-/// Smallest smoothness of the coarse solution, and the stride of its pixels.
-const COARSE_SMOOTHNESS: f32 = 2.0;
-const COARSE_STRIDE: u32 = 2;
-/// Iterations of the conjugate gradients, and of those that start from a coarse solution.
-const ITERATIONS: usize = 30;
-const NESTED_ITERATIONS: usize = 8;
 /// Iterations that are sent to the device at once.
 const PIECE: usize = 5;
 /// Texels of a workgroup.
@@ -30,15 +24,6 @@ pub(crate) struct TextureSolver {
     texels: usize,
     buffers: Vec<(Slot, Buffer)>,
     solution: Buffer,
-}
-
-/// A solution of half the side, which the one at full size starts from and trusts pixels by.
-struct CoarseSolution {
-    size: usize,
-    /// The texels, then how much each of them has changed.
-    texels_and_changes: Vec<Vec4>,
-    /// Error of a pixel's colour, 0 to 1, at which the pixel counts half.
-    scale: f32,
 }
 
 impl TextureSolver {
@@ -109,54 +94,24 @@ impl TextureSolver {
 }
 
 impl Renderer<'_> {
-    /// Replaces the texture of `low` by the one that fits the views best. With a trust, a coarse solution comes first.
-    pub(crate) fn try_solve_texture(&mut self, low: &mut LowPoly, terms: LeastSquares) -> Result<(), GpuError> {
-        let Some(scale) = terms.trust else { return self.solve(low, terms, (1, ITERATIONS), None) };
-        let mut half = low.halved();
-        let initial = half.texture.texels.clone();
-        let coarse_terms = LeastSquares { smoothness: terms.smoothness.max(COARSE_SMOOTHNESS), ..terms };
-        Renderer::new(self.gpu, &half, self.views.clone(), self.cancellation)?.solve(
-            &mut half,
-            coarse_terms,
-            (COARSE_STRIDE, ITERATIONS),
-            None,
-        )?;
-        let TexelGrid { size, mut texels, .. } = half.texture;
-        let changes: Vec<Vec4> = texels.iter().zip(initial).map(|(after, before)| *after - before).collect();
-        texels.extend(changes);
-        let coarse = CoarseSolution { size, texels_and_changes: texels, scale };
-        self.solve(low, terms, (1, NESTED_ITERATIONS), Some(&coarse))
-    }
-
-    /// Solves with the pixels of every `pixel_stride`-th row and column, and starts from a coarse solution if there is one.
-    fn solve(
-        &mut self,
-        low: &mut LowPoly,
-        LeastSquares { stride, smoothness, .. }: LeastSquares,
-        (pixel_stride, iterations): (u32, usize),
-        coarse: Option<&CoarseSolution>,
-    ) -> Result<(), GpuError> {
+    /// Replaces the texture of `low` by the one that fits the views best.
+    pub(crate) fn try_solve_texture(&mut self, low: &mut LowPoly, terms: LeastSquares<'_>) -> Result<(), GpuError> {
         self.update(low, 1)?;
         let solver = match self.solver.take() {
             Some(solver) => solver,
             None => TextureSolver::new(self.gpu, low.texture.size)?,
         };
-        let texels_and_changes = coarse.map_or(&[][..], |coarse| &coarse.texels_and_changes);
-        let coarse_buffer = self.gpu.buffer_of("the coarse texture", texels_and_changes)?;
-        let own: Vec<(Slot, &Buffer)> = solver.bindings().chain([(Slot::Coarse, &coarse_buffer)]).collect();
-        let terms = Terms {
-            smoothness,
-            pixel_stride,
-            pixel_weight: self.views.pixel_weight() * (pixel_stride * pixel_stride) as f32,
-            coarse_size: coarse.map_or(0, |coarse| coarse.size as u32),
-            trust: coarse.map_or(1.0, |coarse| coarse.scale),
-            ..Terms::default()
+        let coarse = match terms.coarse {
+            Some(CoarseSolution { texels, change, .. }) => [texels.as_slice(), change].concat(),
+            None => Vec::new(),
         };
-        for (k, view) in (0..self.views.views.len()).step_by(stride).enumerate() {
+        let coarse = self.gpu.buffer_of("the coarse texture", &coarse)?;
+        let own: Vec<(Slot, &Buffer)> = solver.bindings().chain([(Slot::Coarse, &coarse)]).collect();
+        for (k, view) in (0..self.views.views.len()).step_by(terms.view_stride).enumerate() {
             if self.cancellation.is_cancelled() {
                 break;
             }
-            self.prepare(low, 0, view, terms);
+            self.prepare(low, 0, view, self.terms(terms));
             let bindings = self.bindings(0, view).and(own.iter().copied());
             self.submit(|pass| {
                 if k == 0 {
@@ -168,8 +123,8 @@ impl Renderer<'_> {
         if !self.cancellation.is_cancelled() && !self.views.views.is_empty() {
             let bindings = self.bindings(0, 0).and(own.iter().copied());
             self.submit(|pass| solver.begin(self.gpu, pass, &bindings))?;
-            for first in (0..iterations).step_by(PIECE) {
-                let count = PIECE.min(iterations - first);
+            for first in (0..terms.iterations).step_by(PIECE) {
+                let count = PIECE.min(terms.iterations - first);
                 self.submit(|pass| solver.go_on(self.gpu, pass, &bindings, count))?;
             }
             let bytes = self.read(&[solver.solution()])?;
@@ -177,5 +132,16 @@ impl Renderer<'_> {
         }
         self.solver = Some(solver);
         Ok(())
+    }
+
+    fn terms(&self, LeastSquares { pixel_stride, smoothness, coarse, .. }: LeastSquares<'_>) -> Terms {
+        Terms {
+            smoothness,
+            pixel_stride: pixel_stride as u32,
+            pixel_weight: self.views.pixel_weight() * pixel_stride.pow(2) as f32,
+            coarse_size: coarse.map_or(0, |coarse| coarse.size as u32),
+            trust: coarse.map_or(1.0, |coarse| coarse.scale),
+            ..Terms::default()
+        }
     }
 }

@@ -57,7 +57,7 @@ pub(super) struct WholeLevel {
     /// Faces of the solid layer.
     solid_faces: usize,
     refined: Option<Refined>,
-    /// The GPU that refined the vertices.
+    /// The GPU that moved the vertices, or fitted the texture.
     device: Option<String>,
 }
 

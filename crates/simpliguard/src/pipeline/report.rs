@@ -157,7 +157,7 @@ pub struct LevelReport {
     pub lattices: u32,
     /// Gain of the refinement, in dB over held-out views.
     pub refined: Option<Refined>,
-    /// The GPU on which its vertices were refined; `None` for the CPU.
+    /// The GPU that moved its vertices, or fitted its texture; `None` for the CPU.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub device: Option<String>,
     /// How much it looks like the source; `None` in a preview.

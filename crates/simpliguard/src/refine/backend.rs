@@ -8,6 +8,7 @@ use glam::{Vec3, Vec4};
 
 use super::covered_views::CoveredViews;
 use super::low_poly::LowPoly;
+use super::texture_least_squares::LeastSquares;
 use crate::Cancellation;
 
 /// Views a step.
@@ -73,7 +74,7 @@ pub trait LevelRenderer {
     ///
     /// # Errors
     /// If the device fails. The texture is then as it was.
-    fn solve_texture(&mut self, low: &mut LowPoly, terms: LeastSquares) -> Result<(), Self::Error>;
+    fn solve_texture(&mut self, low: &mut LowPoly, terms: LeastSquares<'_>) -> Result<(), Self::Error>;
 
     /// Draws a view alone, to compare devices.
     ///
@@ -89,17 +90,6 @@ pub struct LossTerms {
     pub background: f32,
     /// Weight of the image gradient.
     pub gradient_weight: f32,
-}
-
-/// Terms of the least squares of a texture.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct LeastSquares {
-    /// One view in so many is fitted, from the first.
-    pub stride: usize,
-    /// That of [`TextureFit`](super::TextureFit).
-    pub smoothness: f32,
-    /// That of [`TextureFit`](super::TextureFit).
-    pub trust: Option<f32>,
 }
 
 /// The gradient of the image loss of one view.

@@ -4,13 +4,13 @@ use std::convert::Infallible;
 
 use rayon::prelude::*;
 
-use super::backend::{BATCH, Backend, Drawing, LeastSquares, LevelRenderer, LossTerms, ViewGradient};
+use super::backend::{BATCH, Backend, Drawing, LevelRenderer, LossTerms, ViewGradient};
 use super::backward::Gradients;
 use super::covered_views::CoveredViews;
 use super::forward::FrameBuffers;
 use super::losses::{ImageLoss, squared_error, squared_error_of_means};
 use super::low_poly::LowPoly;
-use super::texture_least_squares::solve_texture;
+use super::texture_least_squares::{LeastSquares, solve_texture};
 use crate::Cancellation;
 use crate::render::{Pool, Rect, View};
 
@@ -108,9 +108,8 @@ impl LevelRenderer for CpuRenderer<'_> {
         Ok(errors)
     }
 
-    fn solve_texture(&mut self, low: &mut LowPoly, terms: LeastSquares) -> Result<(), Infallible> {
-        let LeastSquares { stride, smoothness, trust } = terms;
-        solve_texture(low, &self.views.every(stride), (smoothness, trust), self.cancellation);
+    fn solve_texture(&mut self, low: &mut LowPoly, terms: LeastSquares<'_>) -> Result<(), Infallible> {
+        solve_texture(low, &self.views.every(terms.view_stride), terms, self.cancellation);
         Ok(())
     }
 

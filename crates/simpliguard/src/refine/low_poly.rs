@@ -94,7 +94,7 @@ impl LowPoly {
     }
 
     /// The same mesh with its texture at half the size.
-    pub fn halved(&self) -> Self {
+    pub(super) fn halved(&self) -> Self {
         let uvs = self.uvs.iter().map(|corners| corners.map(|uv| uv * 0.5)).collect();
         Self { uvs, texture: self.texture.halved(), ..self.clone() }
     }

@@ -38,12 +38,13 @@ mod variables;
 mod view_order;
 mod view_target;
 
-pub use backend::{BATCH, Backend, Device, DeviceError, Drawing, LeastSquares, LevelRenderer, LossTerms, ViewGradient};
+pub use backend::{BATCH, Backend, Device, DeviceError, Drawing, LevelRenderer, LossTerms, ViewGradient};
 pub use covered_views::CoveredViews;
 pub use cpu::Cpu;
 pub use low_poly::{LowPoly, NO_NEIGHBOUR, TexelGrid};
 pub use params::{RefineParams, Solver, TextureAdam, TextureFit};
 pub use skin::Skin;
+pub use texture_least_squares::{CoarseSolution, LeastSquares};
 pub use view_target::ViewTarget;
 
 use self::optimise::Optimisation;

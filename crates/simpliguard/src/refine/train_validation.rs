@@ -1,10 +1,11 @@
 //! Views to fit (training) and views to score by (validation).
 
-use super::backend::{Backend, LeastSquares, LevelRenderer};
+use super::backend::{Backend, LevelRenderer};
 use super::covered_views::CoveredViews;
 use super::low_poly::LowPoly;
 use super::params::{Solver, TextureFit};
 use super::texture_adam::optimise_texture;
+use super::texture_least_squares::{CoarseSolution, LeastSquares};
 use crate::Cancellation;
 use crate::render::{View, decibels};
 
@@ -18,6 +19,7 @@ pub(super) struct TrainValidationSplit<'a, E> {
     validation_renderer: Box<dyn LevelRenderer<Error = E> + 'a>,
     /// The texture is fitted to one training view in this many.
     texture_stride: usize,
+    backend: &'a dyn Backend<Error = E>,
     cancellation: &'a Cancellation,
 }
 
@@ -58,7 +60,7 @@ impl<'a, E> TrainValidationSplit<'a, E> {
     ) -> Result<Self, E> {
         let train_renderer = backend.open(low, train.clone(), cancellation)?;
         let validation_renderer = backend.open(low, validation, cancellation)?;
-        Ok(Self { train, train_renderer, validation_renderer, texture_stride: 1, cancellation })
+        Ok(Self { train, train_renderer, validation_renderer, texture_stride: 1, backend, cancellation })
     }
 
     /// Fits the texture to at most `most` of the training views, spread over them.
@@ -69,16 +71,29 @@ impl<'a, E> TrainValidationSplit<'a, E> {
     /// Fits the texture of `low` to the training views, unless `fit` is `None`.
     pub(super) fn fit_texture(&mut self, low: &mut LowPoly, fit: Option<&TextureFit>) -> Result<(), E> {
         let Some(&TextureFit { smoothness, trust, solver }) = fit else { return Ok(()) };
-        let stride = self.texture_stride;
-        match solver {
-            Solver::LeastSquares => {
-                return self.train_renderer.solve_texture(low, LeastSquares { stride, smoothness, trust });
-            }
-            Solver::Adam(adam) => {
-                optimise_texture(low, &self.train.every(stride), smoothness, &adam, self.cancellation);
+        let terms = LeastSquares::new(self.texture_stride, smoothness);
+        match (solver, trust) {
+            (Solver::LeastSquares, None) => self.train_renderer.solve_texture(low, terms),
+            (Solver::LeastSquares, Some(scale)) => self.solve_nested(low, terms, scale),
+            (Solver::Adam(adam), _) => {
+                let views = self.train.every(self.texture_stride);
+                optimise_texture(low, &views, smoothness, &adam, self.cancellation);
+                Ok(())
             }
         }
-        Ok(())
+    }
+
+    /// Solves for the texture in two steps. A pixel counts by how well it agrees with a first, smoother solution of half the
+    /// size (one step of iteratively reweighted least squares, with Cauchy weights of this scale). Along inner outlines of the
+    /// level a view may show another surface of the source than the level does; so weighted, it leaves no specks. The solution
+    /// at full size starts from the change of the first one (nested iteration).
+    fn solve_nested(&mut self, low: &mut LowPoly, terms: LeastSquares<'_>, scale: f32) -> Result<(), E> {
+        let mut half = low.halved();
+        let initial = half.texture.texels.clone();
+        let mut half_renderer = self.backend.open(&half, self.train.clone(), self.cancellation)?;
+        half_renderer.solve_texture(&mut half, terms.halved())?;
+        let coarse = CoarseSolution::new(half.texture.texels, &initial, half.texture.size, scale);
+        self.train_renderer.solve_texture(low, terms.nested(&coarse))
     }
 
     /// Mean PSNR over the validation views, in dB; over some of them if cancelled. The background is white and black by

@@ -3,7 +3,8 @@
 use glam::{Vec3, Vec4};
 use simpliguard::Cancellation;
 use simpliguard::refine::{
-    BATCH, Backend, CoveredViews, Cpu, Drawing, LeastSquares, LevelRenderer, LossTerms, LowPoly, ViewGradient,
+    BATCH, Backend, CoveredViews, Cpu, Drawing, LeastSquares, LevelRenderer, LossTerms, LowPoly, Refined, Solver,
+    TextureFit, ViewGradient, fit_texture,
 };
 use simpliguard::render::View;
 use simpliguard_gpu::{Choice, Gpu};
@@ -40,7 +41,7 @@ trait AnyRenderer {
     fn draw(&mut self, low: &LowPoly, view: usize) -> Drawing;
     fn differentiate(&mut self, low: &LowPoly, terms: LossTerms) -> [ViewGradient; BATCH];
     fn errors(&mut self, low: &LowPoly) -> Vec<f64>;
-    fn solved(&mut self, low: &LowPoly, stride: usize, trust: Option<f32>) -> Vec<Vec4>;
+    fn solved(&mut self, low: &LowPoly, stride: usize) -> Vec<Vec4>;
 }
 
 impl<E: std::fmt::Debug> AnyRenderer for Box<dyn LevelRenderer<Error = E> + '_> {
@@ -58,9 +59,9 @@ impl<E: std::fmt::Debug> AnyRenderer for Box<dyn LevelRenderer<Error = E> + '_> 
         self.as_mut().errors(low).expect("scores")
     }
 
-    fn solved(&mut self, low: &LowPoly, stride: usize, trust: Option<f32>) -> Vec<Vec4> {
+    fn solved(&mut self, low: &LowPoly, stride: usize) -> Vec<Vec4> {
         let mut low = low.clone();
-        self.as_mut().solve_texture(&mut low, LeastSquares { stride, smoothness: 0.1, trust }).expect("solves");
+        self.as_mut().solve_texture(&mut low, LeastSquares::new(stride, 0.1)).expect("solves");
         low.texture.texels
     }
 }
@@ -137,6 +138,11 @@ fn scores_are_those_of_the_cpu() {
     }
 }
 
+/// Largest difference of a channel.
+fn apart(a: &[Vec4], b: &[Vec4]) -> f32 {
+    a.iter().zip(b).map(|(a, b)| (*a - *b).abs().max_element()).fold(0.0, f32::max)
+}
+
 #[test]
 fn the_texture_is_that_of_the_cpu() {
     let Some(gpu) = gpu() else { return };
@@ -146,17 +152,44 @@ fn the_texture_is_that_of_the_cpu() {
         // The level has the vertices of the source: then its texture can be found.
         let low = LowPoly { positions: source.positions.clone(), ..low };
         for views in both_kinds(&views) {
-            for (stride, trust) in [(1, None), (5, None), (1, Some(0.3)), (1, Some(0.02))] {
-                let solved = |renderer: &mut dyn AnyRenderer| renderer.solved(&low, stride, trust);
-                let (found, expected) = on_both_with(gpu, &low, &views, solved);
-                let apart = |a: &[Vec4], b: &[Vec4]| {
-                    a.iter().zip(b).map(|(a, b)| (*a - *b).abs().max_element()).fold(0.0, f32::max)
-                };
-                let change = apart(&expected, &low.texture.texels);
-                let error = apart(&expected, &found);
-                let case = format!("{name}, stride {stride}, trust {trust:?}, aliased: {}", views.aliased);
-                assert!(change > 0.03, "{case}: {change}");
+            for stride in [1, 5] {
+                let (found, expected) = on_both_with(gpu, &low, &views, |renderer| renderer.solved(&low, stride));
+                let (change, error) = (apart(&expected, &low.texture.texels), apart(&expected, &found));
+                let case = format!("{name}, stride {stride}, aliased: {}", views.aliased);
+                assert!(change > 0.05, "{case}: {change}");
                 assert!(error < 2e-3, "{case}: texels differ by {error}, of a change of {change}");
+            }
+        }
+    }
+}
+
+fn fitted<E: std::fmt::Debug>(
+    backend: &dyn Backend<Error = E>,
+    low: &LowPoly,
+    views: &[View],
+    trust: f32,
+) -> (Vec<Vec4>, Refined) {
+    let fit = TextureFit { smoothness: 0.1, trust: Some(trust), solver: Solver::LeastSquares };
+    let mut low = low.clone();
+    let refined = fit_texture(&mut low, views, Some(&fit), backend, &Cancellation::default()).expect("fits");
+    (low.texture.texels, refined)
+}
+
+#[test]
+fn the_final_texture_is_that_of_the_cpu() {
+    let Some(gpu) = gpu() else { return };
+    for (name, low) in scenes() {
+        let source = pair(&low);
+        let views = views(&source, 12);
+        let low = LowPoly { positions: source.positions.clone(), ..low };
+        for trust in [0.02, 0.3] {
+            let (found, expected) = (fitted(gpu, &low, &views, trust), fitted(&Cpu, &low, &views, trust));
+            let (change, error) = (apart(&expected.0, &low.texture.texels), apart(&expected.0, &found.0));
+            assert!(change > 0.05, "{name}, trust {trust}: {change}");
+            assert!(error < 2e-3, "{name}, trust {trust}: texels differ by {error}, of a change of {change}");
+            for psnr in [|r: &Refined| r.psnr_initial, |r: &Refined| r.psnr] {
+                let (found, expected) = (psnr(&found.1), psnr(&expected.1));
+                assert!((found - expected).abs() < 0.01, "{name}, trust {trust}: {found} and {expected} dB");
             }
         }
     }
@@ -169,7 +202,7 @@ fn equal_runs_give_equal_bytes() {
     let views = views(&pair(&low), 6);
     let run = || {
         on_both(gpu, &low, &views, |renderer| {
-            (renderer.differentiate(&low, terms), renderer.errors(&low), renderer.solved(&low, 1, None))
+            (renderer.differentiate(&low, terms), renderer.errors(&low), renderer.solved(&low, 1))
         })
         .0
     };
@@ -190,7 +223,7 @@ fn a_renderer_follows_the_level() {
     let (after, fresh) = (
         on_both(gpu, &low, &views, |renderer| {
             renderer.differentiate(&low, terms);
-            renderer.solved(&low, 1, None);
+            renderer.solved(&low, 1);
             renderer.differentiate(&moved, terms)
         }),
         on_both(gpu, &low, &views, |renderer| renderer.differentiate(&moved, terms)),
@@ -212,7 +245,7 @@ fn a_lost_device_is_an_error_at_every_point() {
             let renderer = renderer.as_mut();
             renderer.differentiate(&low, VIEWS, terms, &mut Default::default())?;
             renderer.errors(&low)?;
-            renderer.solve_texture(&mut low, LeastSquares { stride: 1, smoothness: 0.1, trust: Some(0.3) })
+            renderer.solve_texture(&mut low, LeastSquares::new(1, 0.1))
         };
         let error = run().expect_err("the device is lost").to_string();
         assert!(error.starts_with("the device "), "{submissions}: {error}");

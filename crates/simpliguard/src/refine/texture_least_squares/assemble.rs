@@ -3,7 +3,7 @@
 use glam::{Vec2, Vec4Swizzles};
 use rayon::prelude::*;
 
-use super::coarse_solution::CoarseSolution;
+use super::LeastSquares;
 use super::normal_equations::NormalEquations;
 use crate::Cancellation;
 use crate::refine::covered_views::CoveredViews;
@@ -16,12 +16,11 @@ use crate::render::{EMPTY_PIXEL, Rect, View};
 /// Partial sums over the views: fixed, so that the result does not depend on the threads.
 const PARTS: usize = 4;
 
-/// The normal equations of every pixel that lies wholly on the source and on the level, in every `stride`-th row and column.
-/// With a coarse solution, a pixel counts by how well it agrees with it.
+/// The normal equations of every pixel that lies wholly on the source and on the level, in the rows and columns that count.
 pub(super) fn assemble(
     low: &LowPoly,
     views: &CoveredViews<'_>,
-    (stride, coarse): (usize, Option<&CoarseSolution>),
+    terms: LeastSquares<'_>,
     cancellation: &Cancellation,
 ) -> NormalEquations {
     let chunk = views.len().div_ceil(PARTS).max(1);
@@ -30,7 +29,7 @@ pub(super) fn assemble(
         .par_chunks(chunk)
         .zip(views.rects.par_chunks(chunk))
         .map(|(chunk, rects)| {
-            let mut assembly = Assembly::new(low, (stride, coarse), views);
+            let mut assembly = Assembly::new(low, terms, views);
             for (view, rect) in chunk.iter().zip(rects).take_while(|_| !cancellation.is_cancelled()) {
                 assembly.add_view(view, *rect);
             }
@@ -47,8 +46,7 @@ pub(super) fn assemble(
 /// The equations of some of the views, and the buffers they are made with.
 struct Assembly<'a> {
     low: &'a LowPoly,
-    stride: usize,
-    coarse: Option<&'a CoarseSolution>,
+    terms: LeastSquares<'a>,
     equations: NormalEquations,
     /// The weight of a pixel, which stands for those that are passed over as well.
     pixel_weight: f32,
@@ -58,14 +56,13 @@ struct Assembly<'a> {
 }
 
 impl<'a> Assembly<'a> {
-    fn new(low: &'a LowPoly, (stride, coarse): (usize, Option<&'a CoarseSolution>), views: &CoveredViews<'_>) -> Self {
+    fn new(low: &'a LowPoly, terms: LeastSquares<'a>, views: &CoveredViews<'_>) -> Self {
         let size = views.size();
         Self {
             low,
-            stride,
-            coarse,
+            terms,
             equations: NormalEquations::new(low.texture.size),
-            pixel_weight: views.pixel_weight() * (stride * stride) as f32,
+            pixel_weight: views.pixel_weight() * terms.pixel_stride.pow(2) as f32,
             frame: FrameBuffers::new(size),
             silhouette: vec![false; size * size],
         }
@@ -76,10 +73,10 @@ impl<'a> Assembly<'a> {
         frame.rasterise(low, &view.camera, view.pose, rect);
         frame.find_blends(low);
         self.mark_silhouette(true);
-        let Self { low, stride, coarse, equations, pixel_weight, frame, silhouette } = self;
-        for y in frame.rect.rows().step_by(*stride) {
+        let Self { low, terms, equations, pixel_weight, frame, silhouette } = self;
+        for y in frame.rect.rows().step_by(terms.pixel_stride) {
             let ndc_y = pixel_to_ndc(y, frame.size);
-            for x in frame.rect.columns().step_by(*stride) {
+            for x in frame.rect.columns().step_by(terms.pixel_stride) {
                 let i = y * frame.size + x;
                 let id = frame.raster.ids[i];
                 if id == EMPTY_PIXEL || silhouette[i] || view.image.pixels[i][3] != 255 {
@@ -87,7 +84,7 @@ impl<'a> Assembly<'a> {
                 }
                 let uv = frame.uv_at(low, id as usize, Vec2::new(pixel_to_ndc(x, frame.size), ndc_y)).0;
                 let color = view.image.at(i).xyz();
-                let weight = *pixel_weight * coarse.map_or(1.0, |coarse| coarse.trust(uv, color));
+                let weight = *pixel_weight * terms.coarse.map_or(1.0, |coarse| coarse.trust(uv, color));
                 equations.add_pixel(Lookup::new(uv, low.texture.size), color, weight);
             }
         }

@@ -6,17 +6,25 @@ use rayon::prelude::*;
 use crate::refine::lookup::Lookup;
 
 /// A solution of half the side.
-pub(super) struct CoarseSolution {
+#[derive(Clone, Debug)]
+pub struct CoarseSolution {
     /// Side in texels.
-    pub(super) size: usize,
-    pub(super) texels: Vec<Vec4>,
+    pub size: usize,
+    /// sRGB-encoded colours.
+    pub texels: Vec<Vec4>,
     /// Change from the initial texture.
-    pub(super) change: Vec<Vec4>,
+    pub change: Vec<Vec4>,
     /// Error of a pixel's colour, 0 to 1, at which the pixel counts half.
-    pub(super) scale: f32,
+    pub scale: f32,
 }
 
 impl CoarseSolution {
+    /// The texels that an `initial` texture was solved to.
+    pub(in crate::refine) fn new(texels: Vec<Vec4>, initial: &[Vec4], size: usize, scale: f32) -> Self {
+        let change = texels.iter().zip(initial).map(|(after, before)| *after - *before).collect();
+        Self { size, texels, change, scale }
+    }
+
     /// Adds the same change to a texture of twice the side.
     pub(super) fn add_change(&self, texels: &mut [Vec4], size: usize) {
         texels.par_chunks_mut(size).enumerate().for_each(|(y, row)| {

@@ -16,7 +16,7 @@ mod normal_equations;
 use glam::Vec4;
 
 use self::assemble::assemble;
-use self::coarse_solution::CoarseSolution;
+pub use self::coarse_solution::CoarseSolution;
 use self::conjugate_gradients::conjugate_gradients;
 use super::covered_views::CoveredViews;
 use super::low_poly::{LowPoly, TexelGrid};
@@ -32,47 +32,51 @@ const COARSE_STRIDE: usize = 2;
 const ITERATIONS: usize = 30;
 const NESTED_ITERATIONS: usize = 8;
 
+/// Terms of the least squares of a texture.
+#[derive(Clone, Copy, Debug)]
+pub struct LeastSquares<'a> {
+    /// One view in so many is fitted, from the first.
+    pub view_stride: usize,
+    /// The pixels of every so many-th row and column count.
+    pub pixel_stride: usize,
+    /// That of [`TextureFit`](super::TextureFit).
+    pub smoothness: f32,
+    /// Most iterations of the conjugate gradients.
+    pub iterations: usize,
+    /// A solution of half the size. The iteration starts from its change, and a pixel counts by how well it agrees with it.
+    pub coarse: Option<&'a CoarseSolution>,
+}
+
+impl<'a> LeastSquares<'a> {
+    /// All pixels of one view in `view_stride`.
+    pub fn new(view_stride: usize, smoothness: f32) -> Self {
+        Self { view_stride, pixel_stride: 1, smoothness, iterations: ITERATIONS, coarse: None }
+    }
+
+    /// The same for a texture of half the size, whose solution these start from.
+    pub(super) fn halved(&self) -> Self {
+        Self { pixel_stride: COARSE_STRIDE, smoothness: self.smoothness.max(COARSE_SMOOTHNESS), ..*self }
+    }
+
+    /// The same from a coarse solution on.
+    pub(super) fn nested(self, coarse: &'a CoarseSolution) -> Self {
+        Self { iterations: NESTED_ITERATIONS, coarse: Some(coarse), ..self }
+    }
+}
+
 /// Replaces the texture of `low` by the one that fits `views` best, starting from the present one.
-///
-/// With a `trust`, a pixel counts by how well it agrees with a first, smoother solution of half the size (one step of
-/// iteratively reweighted least squares, with Cauchy weights of this scale). Along inner outlines of the level a view may
-/// show another surface of the source than the level does; so weighted, it leaves no specks. The solution at full size
-/// starts from the change of the first one (nested iteration).
 pub(super) fn solve_texture(
     low: &mut LowPoly,
     views: &CoveredViews<'_>,
-    (smoothness, trust): (f32, Option<f32>),
+    terms: LeastSquares<'_>,
     cancellation: &Cancellation,
 ) {
-    let Some(scale) = trust else {
-        return solve(low, views, smoothness, (1, None), cancellation);
-    };
-    let mut half = low.halved();
-    let initial = half.texture.texels.clone();
-    solve(&mut half, views, smoothness.max(COARSE_SMOOTHNESS), (COARSE_STRIDE, None), cancellation);
-    let TexelGrid { size, texels, .. } = half.texture;
-    let change = texels.iter().zip(initial).map(|(after, before)| *after - before).collect();
-    let coarse = CoarseSolution { size, texels, change, scale };
-    solve(low, views, smoothness, (1, Some(&coarse)), cancellation);
-}
-
-/// Solves with the pixels of every `stride`-th row and column, and starts from a coarse solution if there is one.
-fn solve(
-    low: &mut LowPoly,
-    views: &CoveredViews<'_>,
-    smoothness: f32,
-    (stride, coarse): (usize, Option<&CoarseSolution>),
-    cancellation: &Cancellation,
-) {
-    let mut equations = assemble(low, views, (stride, coarse), cancellation);
+    let mut equations = assemble(low, views, terms, cancellation);
     let seen: Vec<bool> = equations.rows.iter().map(|row| row.a[0] > 0.0).collect();
-    equations.regularise(&low.texture, smoothness);
+    equations.regularise(&low.texture, terms.smoothness);
     let TexelGrid { size, texels, covered, .. } = &mut low.texture;
-    let iterations = coarse.map_or(ITERATIONS, |coarse| {
-        coarse.add_change(texels, *size);
-        NESTED_ITERATIONS
-    });
-    conjugate_gradients(&equations, texels, iterations, cancellation);
+    terms.coarse.iter().for_each(|coarse| coarse.add_change(texels, *size));
+    conjugate_gradients(&equations, texels, terms.iterations, cancellation);
     for texel in texels.iter_mut() {
         *texel = texel.clamp(Vec4::ZERO, Vec4::ONE).with_w(1.0);
     }
