@@ -20,6 +20,7 @@ mod level_buffers;
 mod pace;
 mod renderer;
 mod self_test;
+mod solve_texture;
 mod source_views;
 mod texture_least_squares;
 

@@ -2,18 +2,15 @@
 //! gradients. The method is that of `refine/texture_least_squares` of the pipeline.
 
 use glam::Vec4;
-use simpliguard::refine::{CoarseSolution, LeastSquares, LowPoly, TexelGrid};
+use simpliguard::refine::TexelGrid;
 use simpliguard::render::fill_unknown;
 use wgpu::{Buffer, ComputePass};
 
 use crate::device::GpuDevice;
 use crate::error::GpuError;
-use crate::frame::{Terms, VECTOR};
+use crate::frame::VECTOR;
 use crate::kernels::{Bindings, Slot, groups};
-use crate::renderer::Renderer;
 
-/// Iterations that are sent to the device at once.
-const PIECE: usize = 5;
 /// Texels of a workgroup.
 const PER_GROUP: usize = 256;
 /// Bytes of the sums over pixels, for each texel.
@@ -28,7 +25,7 @@ pub(crate) struct TextureSolver {
 
 impl TextureSolver {
     /// For a texture of `size` x `size` texels.
-    fn new(gpu: &GpuDevice, size: usize) -> Result<Self, GpuError> {
+    pub(crate) fn new(gpu: &GpuDevice, size: usize) -> Result<Self, GpuError> {
         let texels = size * size;
         let [columns, rows] = groups(texels, PER_GROUP);
         let buffer = |slot, what, bytes| Ok::<_, GpuError>((slot, gpu.buffer(what, bytes)?));
@@ -46,23 +43,23 @@ impl TextureSolver {
         Ok(Self { texels, buffers, solution })
     }
 
-    fn bindings(&self) -> impl Iterator<Item = (Slot, &Buffer)> {
+    pub(crate) fn bindings(&self) -> impl Iterator<Item = (Slot, &Buffer)> {
         let own = self.buffers.iter().map(|(slot, buffer)| (*slot, buffer));
         own.chain([(Slot::Solution, &self.solution)])
     }
 
     /// The buffer with the solution, and its size.
-    fn solution(&self) -> (&Buffer, usize) {
+    pub(crate) fn solution(&self) -> (&Buffer, usize) {
         (&self.solution, VECTOR * self.texels)
     }
 
     /// Begins without any pixel.
-    fn clear(&self, gpu: &GpuDevice, pass: &mut ComputePass<'_>, bindings: &Bindings<'_>) {
+    pub(crate) fn clear(&self, gpu: &GpuDevice, pass: &mut ComputePass<'_>, bindings: &Bindings<'_>) {
         gpu.kernels.clear_sums.run(pass, &gpu.device, bindings, groups(self.texels, PER_GROUP));
     }
 
     /// Begins to solve the equations of all pixels so far.
-    fn begin(&self, gpu: &GpuDevice, pass: &mut ComputePass<'_>, bindings: &Bindings<'_>) {
+    pub(crate) fn begin(&self, gpu: &GpuDevice, pass: &mut ComputePass<'_>, bindings: &Bindings<'_>) {
         let (device, kernels, all) = (&gpu.device, &gpu.kernels, groups(self.texels, PER_GROUP));
         kernels.regularise.run(pass, device, bindings, all);
         kernels.begin_descent.run(pass, device, bindings, all);
@@ -71,7 +68,13 @@ impl TextureSolver {
     }
 
     /// Some iterations. Steps after the last needed one have no length.
-    fn go_on(&self, gpu: &GpuDevice, pass: &mut ComputePass<'_>, bindings: &Bindings<'_>, iterations: usize) {
+    pub(crate) fn go_on(
+        &self,
+        gpu: &GpuDevice,
+        pass: &mut ComputePass<'_>,
+        bindings: &Bindings<'_>,
+        iterations: usize,
+    ) {
         let (device, kernels, all) = (&gpu.device, &gpu.kernels, groups(self.texels, PER_GROUP));
         for _ in 0..iterations {
             kernels.multiply.run(pass, device, bindings, all);
@@ -83,65 +86,12 @@ impl TextureSolver {
     }
 
     /// Replaces a texture by the solution. Texels that neither a triangle covers nor a view sees take those around them.
-    fn take(&self, solution: &[u8], texture: &mut TexelGrid) {
+    pub(crate) fn take(&self, solution: &[u8], texture: &mut TexelGrid) {
         let solution: Vec<Vec4> = bytemuck::pod_collect_to_vec(solution);
         let TexelGrid { size, texels, covered, .. } = texture;
         let known: Vec<bool> = covered.iter().zip(&solution).map(|(covered, x)| *covered || x.w > 0.5).collect();
         let clamped = |x: &Vec4| x.clamp(Vec4::ZERO, Vec4::ONE).with_w(1.0);
         texels.iter_mut().zip(&solution).for_each(|(texel, x)| *texel = clamped(x));
         fill_unknown(texels, &known, *size);
-    }
-}
-
-impl Renderer<'_> {
-    /// Replaces the texture of `low` by the one that fits the views best.
-    pub(crate) fn try_solve_texture(&mut self, low: &mut LowPoly, terms: LeastSquares<'_>) -> Result<(), GpuError> {
-        self.update(low, 1)?;
-        let solver = match self.solver.take() {
-            Some(solver) => solver,
-            None => TextureSolver::new(self.gpu, low.texture.size)?,
-        };
-        let coarse = match terms.coarse {
-            Some(CoarseSolution { texels, change, .. }) => [texels.as_slice(), change].concat(),
-            None => Vec::new(),
-        };
-        let coarse = self.gpu.buffer_of("the coarse texture", &coarse)?;
-        let own: Vec<(Slot, &Buffer)> = solver.bindings().chain([(Slot::Coarse, &coarse)]).collect();
-        for (k, view) in (0..self.views.views.len()).step_by(terms.view_stride).enumerate() {
-            if self.cancellation.is_cancelled() {
-                break;
-            }
-            self.prepare(low, 0, view, self.terms(terms));
-            let bindings = self.bindings(0, view).and(own.iter().copied());
-            self.submit(|pass| {
-                if k == 0 {
-                    solver.clear(self.gpu, pass, &bindings);
-                }
-                self.frames[0].assemble(self.gpu, pass, &bindings);
-            })?;
-        }
-        if !self.cancellation.is_cancelled() && !self.views.views.is_empty() {
-            let bindings = self.bindings(0, 0).and(own.iter().copied());
-            self.submit(|pass| solver.begin(self.gpu, pass, &bindings))?;
-            for first in (0..terms.iterations).step_by(PIECE) {
-                let count = PIECE.min(terms.iterations - first);
-                self.submit(|pass| solver.go_on(self.gpu, pass, &bindings, count))?;
-            }
-            let bytes = self.read(&[solver.solution()])?;
-            solver.take(&bytes, &mut low.texture);
-        }
-        self.solver = Some(solver);
-        Ok(())
-    }
-
-    fn terms(&self, LeastSquares { pixel_stride, smoothness, coarse, .. }: LeastSquares<'_>) -> Terms {
-        Terms {
-            smoothness,
-            pixel_stride: pixel_stride as u32,
-            pixel_weight: self.views.pixel_weight() * pixel_stride.pow(2) as f32,
-            coarse_size: coarse.map_or(0, |coarse| coarse.size as u32),
-            trust: coarse.map_or(1.0, |coarse| coarse.scale),
-            ..Terms::default()
-        }
     }
 }

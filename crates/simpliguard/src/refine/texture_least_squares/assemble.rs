@@ -3,8 +3,8 @@
 use glam::{Vec2, Vec4Swizzles};
 use rayon::prelude::*;
 
-use super::LeastSquares;
 use super::normal_equations::NormalEquations;
+use super::terms::LeastSquares;
 use crate::Cancellation;
 use crate::refine::covered_views::CoveredViews;
 use crate::refine::forward::FrameBuffers;
