@@ -152,11 +152,16 @@ impl Frame {
         (self.tiles[0] * self.tiles[1]) as usize
     }
 
+    /// Finds visibility alone.
+    fn rasterise(&self, gpu: &GpuDevice, pass: &mut ComputePass<'_>, bindings: &Bindings<'_>) {
+        gpu.kernels.set_up.run(pass, &gpu.device, bindings, groups(self.triangles, 64));
+        gpu.kernels.rasterise.run(pass, &gpu.device, bindings, self.tiles);
+    }
+
     /// Finds visibility, and the blends across silhouettes.
     fn find_visible(&self, gpu: &GpuDevice, pass: &mut ComputePass<'_>, bindings: &Bindings<'_>) {
         let (device, kernels) = (&gpu.device, &gpu.kernels);
-        kernels.set_up.run(pass, device, bindings, groups(self.triangles, 64));
-        kernels.rasterise.run(pass, device, bindings, self.tiles);
+        self.rasterise(gpu, pass, bindings);
         kernels.clear_blends.run(pass, device, bindings, self.tiles);
         for pass_of_find in &gpu.passes_of_find {
             let bindings = bindings.and([(Slot::PassOfFind, pass_of_find)]);
@@ -180,8 +185,7 @@ impl Frame {
     /// The same without antialiasing, of the means of four pixels.
     pub(crate) fn squared_errors_of_means(&self, gpu: &GpuDevice, pass: &mut ComputePass<'_>, bindings: &Bindings<'_>) {
         let (device, kernels) = (&gpu.device, &gpu.kernels);
-        kernels.set_up.run(pass, device, bindings, groups(self.triangles, 64));
-        kernels.rasterise.run(pass, device, bindings, self.tiles);
+        self.rasterise(gpu, pass, bindings);
         kernels.shade.run(pass, device, bindings, self.tiles);
         kernels.squared_errors_of_means.run(pass, device, bindings, self.tiles);
     }
