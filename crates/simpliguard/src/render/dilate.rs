@@ -10,28 +10,24 @@ const GUTTER_RINGS: usize = 8;
 /// Gives unknown texels the mean of their known neighbours, ring by ring, for at most `rings` rings, and marks them as
 /// known.
 pub fn dilate(texels: &mut [Vec4], known: &mut [bool], size: usize, rings: usize) {
-    let mut front: Vec<usize> = (0..texels.len()).filter(|&i| !known[i]).collect();
+    let touches = |i: usize| neighbours(i, size).any(|j| known[j]);
+    let mut ring: Vec<usize> = (0..texels.len()).filter(|&i| !known[i] && touches(i)).collect();
+    let mut is_listed = known.to_vec();
     for _ in 0..rings {
-        let mut filled = Vec::new();
-        front.retain(|&i| {
-            let (mut sum, mut count) = (Vec4::ZERO, 0.0);
-            for j in neighbours(i, size).filter(|&j| known[j]) {
-                sum += texels[j];
-                count += 1.0;
-            }
-            if count > 0.0 {
-                filled.push((i, sum / count));
-            }
-            count == 0.0
-        });
-        if filled.is_empty() {
-            return;
+        let means: Vec<Vec4> = ring.iter().map(|&i| mean_around(texels, known, i, size)).collect();
+        for (&i, mean) in ring.iter().zip(means) {
+            (texels[i], known[i], is_listed[i]) = (mean, true, true);
         }
-        for (i, value) in filled {
-            texels[i] = value;
-            known[i] = true;
-        }
+        let around = ring.iter().flat_map(|&i| neighbours(i, size));
+        ring = around.filter(|&j| !std::mem::replace(&mut is_listed[j], true)).collect();
     }
+}
+
+/// The mean of the known texels around a texel that has any.
+fn mean_around(texels: &[Vec4], known: &[bool], i: usize, size: usize) -> Vec4 {
+    let around = neighbours(i, size).filter(|&j| known[j]);
+    let (sum, count) = around.fold((Vec4::ZERO, 0.0), |(sum, count), j| (sum + texels[j], count + 1.0));
+    sum / count
 }
 
 /// Gives every unknown texel of a `size` x `size` texture a value, so that no mip level mixes in a foreign colour.

@@ -58,7 +58,7 @@ mod tests {
             equations.add_pixel(lookup, Vec3::splat(color), weight);
         }
         let rows = &equations.rows;
-        assert!((rows[0].b[0] / rows[0].a[0] - 0.4).abs() < 1e-6);
+        assert!((rows[0].b.x / rows[0].a.x - 0.4).abs() < 1e-6);
     }
 
     #[test]

@@ -1,6 +1,6 @@
 //! Conjugate gradients with the diagonal as preconditioner.
 
-use glam::{Vec3, Vec4};
+use glam::Vec4;
 use rayon::prelude::*;
 
 use super::normal_equations::NormalEquations;
@@ -20,9 +20,8 @@ pub(super) fn conjugate_gradients(
     let dot = |a: &[Vec4], b: &[Vec4]| dot(a, b, 8 * size);
     let mut product = vec![Vec4::ZERO; x.len()];
     equations.multiply(x, &mut product);
-    let mut residual: Vec<Vec4> =
-        rows.iter().zip(&product).map(|(r, p)| Vec3::from(r.b).extend(0.0) - p.with_w(0.0)).collect();
-    let mut scaled: Vec<Vec4> = residual.iter().zip(rows).map(|(r, row)| *r / row.a[0]).collect();
+    let mut residual: Vec<Vec4> = rows.iter().zip(&product).map(|(row, p)| (row.b - *p).with_w(0.0)).collect();
+    let mut scaled: Vec<Vec4> = residual.iter().zip(rows).map(|(r, row)| *r / row.a.x).collect();
     let mut direction = scaled.clone();
     let mut energy = dot(&residual, &scaled);
     let stop = energy.element_sum() * TOLERANCE * TOLERANCE;
@@ -43,7 +42,7 @@ pub(super) fn conjugate_gradients(
             .for_each(|(((((x, d), r), p), s), row)| {
                 *x += *d * length;
                 *r -= *p * length;
-                *s = *r / row.a[0];
+                *s = *r / row.a.x;
             });
         let next = dot(&residual, &scaled);
         let factor = Vec4::select(energy.cmpgt(Vec4::splat(1e-30)), next / energy, Vec4::ZERO);

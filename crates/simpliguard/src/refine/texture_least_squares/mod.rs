@@ -33,7 +33,7 @@ pub(super) fn solve_texture(
     cancellation: &Cancellation,
 ) {
     let mut equations = assemble(low, views, terms, cancellation);
-    let seen: Vec<bool> = equations.rows.iter().map(|row| row.a[0] > 0.0).collect();
+    let seen: Vec<bool> = equations.rows.iter().map(|row| row.a.x > 0.0).collect();
     equations.regularise(&low.texture, terms.smoothness);
     let TexelGrid { size, texels, covered, .. } = &mut low.texture;
     terms.coarse.iter().for_each(|coarse| coarse.add_change(texels, *size));

@@ -1,6 +1,6 @@
 //! Normal equations of a texture: a nine-point stencil.
 
-use glam::{Vec3, Vec4, Vec4Swizzles};
+use glam::{Vec3, Vec4};
 use rayon::prelude::*;
 
 use crate::refine::lookup::Lookup;
@@ -12,9 +12,17 @@ const PRIOR: f32 = 0.01;
 /// One row of the normal equations, with its right-hand side.
 #[derive(Clone, Copy, Default)]
 pub(super) struct Row {
-    /// Coupling with itself, the texel to the right, below, below right and below left.
-    pub(super) a: [f32; 5],
-    pub(super) b: [f32; 3],
+    /// Coupling with itself, the texel to the right, below and below right.
+    pub(super) a: Vec4,
+    /// Right-hand side of the three channels; the fourth slot is the coupling with the texel below left.
+    pub(super) b: Vec4,
+}
+
+impl Row {
+    fn add(&mut self, a: Vec4, b: Vec4) {
+        self.a += a;
+        self.b += b;
+    }
 }
 
 /// The symmetric system `A x = b` of a texture, one row a texel. The channels share the matrix.
@@ -35,30 +43,19 @@ impl NormalEquations {
     pub(super) fn add_pixel(&mut self, lookup: Lookup, color: Vec3, weight: f32) {
         let k = lookup.texel;
         let root = weight.sqrt();
-        let ([a, b, c, d], color) = (lookup.weights().map(|w| w * root), color * root);
+        let ([a, b, c, d], color) = (lookup.weights().map(|w| w * root), (color * root).extend(0.0));
         let (top, bottom) = self.rows.split_at_mut(k + self.size);
         let ([r0, r1], [r2, r3]) = (&mut top[k..k + 2], &mut bottom[..2]) else { return };
-        let terms = [a * a, a * b, a * c, a * d];
-        r0.a.iter_mut().zip(terms).for_each(|(r, t)| *r += t);
-        r1.a[0] += b * b;
-        r1.a[2] += b * d;
-        r1.a[4] += b * c;
-        r2.a[0] += c * c;
-        r2.a[1] += c * d;
-        r3.a[0] += d * d;
-        for (row, weight) in [(r0, a), (r1, b), (r2, c), (r3, d)] {
-            let add = color * weight;
-            row.b[0] += add.x;
-            row.b[1] += add.y;
-            row.b[2] += add.z;
-        }
+        r0.add(Vec4::new(a, b, c, d) * a, color * a);
+        r1.add(Vec4::new(b * b, 0.0, b * d, 0.0), (color * b).with_w(b * c));
+        r2.add(Vec4::new(c * c, c * d, 0.0, 0.0), color * c);
+        r3.add(Vec4::new(d * d, 0.0, 0.0, 0.0), color * d);
     }
 
     /// Adds the pixels of other equations.
     pub(super) fn add(&mut self, other: Self) {
         self.rows.par_iter_mut().zip(other.rows).with_min_len(16_384).for_each(|(row, other)| {
-            row.a.iter_mut().zip(other.a).for_each(|(a, b)| *a += b);
-            row.b.iter_mut().zip(other.b).for_each(|(a, b)| *a += b);
+            row.add(other.a, other.b);
         });
     }
 
@@ -68,22 +65,19 @@ impl NormalEquations {
         let TexelGrid { texels, covered, .. } = initial;
         let (size, rows) = (self.size, &mut self.rows);
         for i in 0..rows.len() {
-            let x = texels[i];
-            rows[i].a[0] += PRIOR;
-            rows[i].b.iter_mut().zip([x.x, x.y, x.z]).for_each(|(b, x)| *b += PRIOR * x);
+            rows[i].a.x += PRIOR;
+            rows[i].b += texels[i].with_w(0.0) * PRIOR;
             if !covered[i] {
                 continue;
             }
             for (coupling, j, inside) in [(1, i + 1, i % size + 1 < size), (2, i + size, i + size < rows.len())] {
                 if inside && covered[j] {
-                    rows[i].a[0] += smoothness;
-                    rows[j].a[0] += smoothness;
+                    rows[i].a.x += smoothness;
+                    rows[j].a.x += smoothness;
                     rows[i].a[coupling] -= smoothness;
-                    let step = (texels[i] - texels[j]) * smoothness;
-                    for (channel, step) in step.xyz().to_array().into_iter().enumerate() {
-                        rows[i].b[channel] += step;
-                        rows[j].b[channel] -= step;
-                    }
+                    let step = ((texels[i] - texels[j]) * smoothness).with_w(0.0);
+                    rows[i].b += step;
+                    rows[j].b -= step;
                 }
             }
         }
@@ -101,20 +95,20 @@ impl NormalEquations {
         for (column, out) in out.iter_mut().enumerate() {
             let i = y * size + column;
             let at = |j: Option<usize>| j.and_then(|j| Some((*rows.get(j)?, x[j]))).unwrap_or(zero);
-            let own = rows[i].a;
+            let own = rows[i];
             let (left, above) = (at(i.checked_sub(1)), at(i.checked_sub(size)));
             let (above_left, above_right) = (at(i.checked_sub(size + 1)), at(i.checked_sub(size - 1)));
             let below = |step: usize| x.get(i + step).copied().unwrap_or(Vec4::ZERO);
             // Couplings across the texture's border are zero, so wrapped neighbours do no harm.
-            *out = x[i] * own[0]
-                + below(1) * own[1]
-                + below(size) * own[2]
-                + below(size + 1) * own[3]
-                + below(size - 1) * own[4]
-                + left.1 * left.0.a[1]
-                + above.1 * above.0.a[2]
-                + above_left.1 * above_left.0.a[3]
-                + above_right.1 * above_right.0.a[4];
+            *out = x[i] * own.a.x
+                + below(1) * own.a.y
+                + below(size) * own.a.z
+                + below(size + 1) * own.a.w
+                + below(size - 1) * own.b.w
+                + left.1 * left.0.a.y
+                + above.1 * above.0.a.z
+                + above_left.1 * above_left.0.a.w
+                + above_right.1 * above_right.0.b.w;
         }
     }
 }
