@@ -342,7 +342,7 @@ impl LevelTask<'_> {
         })?
     }
 
-    /// Bakes the texture anew on the final vertices, and fits it to the views.
+    /// Bakes the texture anew on the final vertices, and fits it to the views if the level is refined.
     fn final_texture(&self, vertices: Vertices, atlas: &Atlas, texture: &LevelTexture<'_>) -> Result<Finished, Error> {
         let Vertices { mut low, influences, refined, device } = vertices;
         let cancellation = self.run.cancellation();
@@ -351,13 +351,13 @@ impl LevelTask<'_> {
         let cut_out = refined.is_none() && is_cut_out(self.shape, &samples);
         low.double_sided |= cut_out;
         let mut low = low.retextured(atlas, texture.initial(&samples, cut_out));
-        if self.params.refine.enabled {
-            refine::fit_opacity(&mut low, &self.all.views.aliased, cancellation);
-            let opacities = samples.iter_mut().zip(&low.texture.opacity);
-            opacities.for_each(|(sample, opacity)| sample.iter_mut().for_each(|sample| sample.color.w = *opacity));
+        if !self.params.refine.enabled {
+            return Ok(Finished { low, influences, samples, cut_out, refined, device });
         }
-        let fit = self.params.refine.enabled.then(|| texture.fit(&samples, Some(TRUST))).flatten();
-        let (fitted, fitted_by) = self.fit_texture(&mut low, fit.as_ref());
+        refine::fit_opacity(&mut low, &self.all.views.aliased, cancellation);
+        let opacities = samples.iter_mut().zip(&low.texture.opacity);
+        opacities.for_each(|(sample, opacity)| sample.iter_mut().for_each(|sample| sample.color.w = *opacity));
+        let (fitted, fitted_by) = self.fit_texture(&mut low, texture.fit(&samples, Some(TRUST)).as_ref());
         self.run.check()?;
         let refined = Some(Refined { psnr: fitted.psnr, ..refined.unwrap_or(fitted) });
         Ok(Finished { low, influences, samples, cut_out, refined, device: device.or(fitted_by) })

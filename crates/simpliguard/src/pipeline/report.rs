@@ -155,7 +155,7 @@ pub struct LevelReport {
     /// Cut-out cards that stand for lattices, of two faces each. They are part of `faces`.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub lattices: u32,
-    /// Gain of the refinement, in dB over held-out views.
+    /// Gain of the refinement, in dB over held-out views; `None` without refinement.
     pub refined: Option<Refined>,
     /// The GPU that moved its vertices, or fitted its texture; `None` for the CPU.
     #[serde(default, skip_serializing_if = "Option::is_none")]
